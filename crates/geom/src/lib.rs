@@ -1,0 +1,21 @@
+//! Geometry of the workpiece: points, bit-row bitmaps and filled outlines.
+//!
+//! The workpiece is a square of [`WORKPIECE_SIZE_PX`] × [`WORKPIECE_SIZE_PX`] pixels of
+//! [`PIXEL_UM`] µm. Pixel (row `j`, column `i`) has its centre at `(x, y) = (i + 0.5, j + 0.5)`;
+//! x points right, y points down.
+
+mod bezier;
+mod bitmap;
+mod outline;
+mod point;
+
+pub use bezier::CubicBezier;
+pub use bitmap::{Bitmap, Row, row_mask};
+pub use outline::fill_even_odd;
+pub use point::Point;
+
+/// Width and height of the workpiece, px.
+pub const WORKPIECE_SIZE_PX: usize = 100;
+
+/// Side of one pixel, µm.
+pub const PIXEL_UM: f64 = 1.0;
