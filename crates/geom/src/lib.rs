@@ -6,12 +6,19 @@
 
 mod bezier;
 mod bitmap;
+mod drawing_error;
+mod drawing_format;
 mod outline;
+mod picture;
 mod point;
+mod svg_document;
 
 pub use bezier::CubicBezier;
 pub use bitmap::{Bitmap, Row, row_mask};
+pub use drawing_error::DrawingError;
+pub use drawing_format::DrawingFormat;
 pub use outline::fill_even_odd;
+pub use picture::{Picture, svg_to_rgba};
 pub use point::Point;
 
 /// Width and height of the workpiece, px.

@@ -91,6 +91,8 @@ mod tests {
     fn vertices_that_are_not_finite_fill_nothing() {
         let broken = [Point::new(0.0, f64::NAN), Point::new(10.0, 0.0), Point::new(0.0, 10.0)];
         let _ = fill_even_odd(&[broken]);
-        assert!(fill_even_odd(&[[Point::new(0.0, f64::INFINITY), Point::new(5.0, 0.0)]]).is_empty());
+        assert!(
+            fill_even_odd(&[[Point::new(0.0, f64::INFINITY), Point::new(5.0, 0.0)]]).is_empty()
+        );
     }
 }
