@@ -140,6 +140,12 @@ pub enum DrawingError {
         /// The values allowed.
         expected: &'static str,
     },
+    /// No thread can be started to read the drawing.
+    #[error("cannot start a thread to read the drawing: {source}")]
+    NoThread {
+        /// The operating system's reason.
+        source: std::io::Error,
+    },
     /// A picture cannot be written as PNG.
     #[error("the picture cannot be encoded as PNG: {reason}")]
     NotEncoded {

@@ -6,17 +6,31 @@
 
 mod bezier;
 mod bitmap;
+mod drawing;
 mod drawing_error;
 mod drawing_format;
+mod drawing_options;
+mod dxf_curve;
+mod dxf_drawing;
+mod dxf_entity;
+mod dxf_reader;
+mod image_drawing;
+mod ink_raster;
 mod outline;
 mod picture;
+mod placement;
 mod point;
+mod svg_cost;
 mod svg_document;
+mod svg_drawing;
 
 pub use bezier::CubicBezier;
 pub use bitmap::{Bitmap, Row, row_mask};
+pub use drawing::{drawing_from_bytes, load_drawing};
 pub use drawing_error::DrawingError;
 pub use drawing_format::DrawingFormat;
+pub use drawing_options::{DrawingOptions, Fit, Ink};
+pub use image_drawing::{target_to_png, write_png};
 pub use outline::fill_even_odd;
 pub use picture::{Picture, svg_to_rgba};
 pub use point::Point;

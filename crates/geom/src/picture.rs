@@ -5,7 +5,10 @@ use std::io::Cursor;
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use resvg::{tiny_skia, usvg};
 
-use crate::{DrawingError, svg_document::SvgDocument};
+use crate::{
+    DrawingError,
+    svg_document::{SvgDocument, isolated},
+};
 
 /// Largest number of pixels of a [`Picture`].
 const MAX_PICTURE_PIXELS: u64 = 64_000_000;
@@ -54,12 +57,14 @@ impl Picture {
 /// cannot be set, [`DrawingError::InvalidOption`] when `width_px` is zero and
 /// [`DrawingError::TooLarge`] when the picture would have more than 64 million pixels.
 pub fn svg_to_rgba(svg: &str, width_px: u32) -> Result<Picture, DrawingError> {
-    let document = SvgDocument::parse(svg)?;
-    let size = document.tree.size();
-    let scale = width_px as f32 / size.width();
-    let height_px = (size.height() * scale).round().max(1.0) as u32;
-    let transform = usvg::Transform::from_scale(scale, scale);
-    render(&document.tree, transform, width_px, height_px)
+    isolated(|| {
+        let document = SvgDocument::parse(svg)?;
+        let size = document.tree.size();
+        let scale = width_px as f32 / size.width();
+        let height_px = (size.height() * scale).round().max(1.0) as u32;
+        let transform = usvg::Transform::from_scale(scale, scale);
+        render(&document.tree, transform, width_px, height_px)
+    })
 }
 
 /// Renders `tree`, moved by `transform` from document units to pixels, on a transparent ground.

@@ -56,6 +56,29 @@ impl SvgDocument {
     }
 }
 
+/// Stack of the thread that reads a document: elements nest, and each level takes a few kilobytes.
+const STACK_BYTES: usize = 128 << 20;
+
+/// Runs `read` on a thread of its own with a large stack. Should the SVG library panic on a
+/// document, the document is refused.
+pub(crate) fn isolated<T: Send>(
+    read: impl FnOnce() -> Result<T, DrawingError> + Send,
+) -> Result<T, DrawingError> {
+    std::thread::scope(|scope| {
+        let reader = std::thread::Builder::new()
+            .name("svg".into())
+            .stack_size(STACK_BYTES)
+            .spawn_scoped(scope, read)
+            .map_err(|source| DrawingError::NoThread { source })?;
+        reader.join().unwrap_or_else(|_| {
+            Err(DrawingError::Malformed {
+                format: DrawingFormat::Svg,
+                reason: "it breaks the SVG library".into(),
+            })
+        })
+    })
+}
+
 /// Parses `svg` as XML with a limit on its nodes.
 pub(crate) fn parse_xml(svg: &str) -> Result<roxmltree::Document<'_>, DrawingError> {
     let options = roxmltree::ParsingOptions {
