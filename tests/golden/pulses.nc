@@ -1,0 +1,34 @@
+; lasergym pulse program, GRBL dialect
+; Pulses: 5, radius 0.009000 mm
+; Units: mm and s, absolute; x right, y up
+; Workpiece corner X0 Y0, pixel 0.001 mm
+; Bounding box X -0.002500 to 0.056173
+; Bounding box Y -0.001000 to 0.099383
+M5
+G21 G90 G94 F600
+G0 X0.05 Y0.05
+G4 P0.05
+G1 M3 S1000
+G4 P0.05
+M5
+G0 X0.0125 Y0.01275
+G4 P0.05
+G1 M3 S1000
+G4 P0.05
+M5
+G0 X0.056172840118 Y0.099382716417
+G4 P0.05
+G1 M3 S1000
+G4 P0.05
+M5
+G0 X0.033333333333 Y0.033333333333
+G4 P0.05
+G1 M3 S1000
+G4 P0.05
+M5
+G0 X-0.0025 Y-0.001
+G4 P0.05
+G1 M3 S1000
+G4 P0.05
+M5
+M5 S0
