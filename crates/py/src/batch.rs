@@ -1,0 +1,170 @@
+//! Environments that step together.
+
+use lasergym_ablation::{Action, Batch, BatchOptions, StepRecord};
+use numpy::ndarray::Array1;
+use numpy::{
+    Element, IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods,
+    PyReadonlyArray2,
+};
+use pyo3::prelude::*;
+
+use crate::bitmaps::array_of;
+use crate::errors::{ablation_error, exception, option_error};
+use crate::settings::{Settings, autoreset_of, count};
+
+/// Environments of one task that step together.
+#[pyclass(name = "Batch", module = "lasergym._native")]
+pub(crate) struct NativeBatch {
+    batch: Batch,
+}
+
+/// Progress of every environment as arrays of shape (n,):
+/// (machined fraction, off-target fraction, pulses).
+type ProgressArrays<'py> =
+    (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>);
+
+#[pymethods]
+impl NativeBatch {
+    #[new]
+    fn new(
+        settings: Settings<'_>,
+        num_envs: usize,
+        autoreset_mode: &str,
+        max_episode_steps: Option<i64>,
+        threads: i64,
+    ) -> PyResult<Self> {
+        let options = BatchOptions {
+            environments: num_envs,
+            autoreset: autoreset_of(autoreset_mode)?,
+            observation: settings.observation()?,
+            max_episode_steps: max_episode_steps
+                .map(|steps| count("max_episode_steps", steps))
+                .transpose()?,
+            threads: usize::try_from(threads)
+                .map_err(|_| option_error("threads", threads, "at least 1"))?,
+        };
+        let batch = Batch::new(settings.task()?, settings.options()?, options)
+            .map_err(ablation_error)?;
+        Ok(Self { batch })
+    }
+
+    /// Begins episodes where `mask` says so and writes their observations.
+    #[pyo3(signature = (seeds, mask, observations))]
+    fn reset(
+        &mut self,
+        py: Python<'_>,
+        seeds: Vec<Option<u64>>,
+        mask: Option<Vec<bool>>,
+        observations: &Bound<'_, PyArray4<u8>>,
+    ) -> PyResult<()> {
+        let mut observations = observations.try_readwrite().map_err(borrowed)?;
+        let observations = observations.as_slice_mut()?;
+        let batch = &mut self.batch;
+        py.detach(|| batch.reset(&seeds, mask.as_deref(), observations)).map_err(ablation_error)
+    }
+
+    /// Fires one pulse in every environment and writes what changed.
+    #[pyo3(signature = (actions, observations, final_observations=None))]
+    fn step(
+        &mut self,
+        py: Python<'_>,
+        actions: PyReadonlyArray2<'_, f32>,
+        observations: &Bound<'_, PyArray4<u8>>,
+        final_observations: Option<&Bound<'_, PyArray4<u8>>>,
+    ) -> PyResult<()> {
+        let actions: Vec<Action> =
+            actions.as_array().rows().into_iter().map(|row| [row[0], row[1]]).collect();
+        let mut observations = observations.try_readwrite().map_err(borrowed)?;
+        let observations = observations.as_slice_mut()?;
+        let mut last =
+            final_observations.map(|array| array.try_readwrite().map_err(borrowed)).transpose()?;
+        let last = match &mut last {
+            Some(array) => array.as_slice_mut()?,
+            None => &mut [],
+        };
+        let batch = &mut self.batch;
+        py.detach(|| batch.step(&actions, observations, last)).map_err(ablation_error)
+    }
+
+    /// Rewards of the last step, shape (n,).
+    fn rewards<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.gather(py, |record| record.reward)
+    }
+
+    /// Terminations of the last step, shape (n,).
+    fn terminated<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        self.gather(py, |record| record.terminated)
+    }
+
+    /// Truncations of the last step, shape (n,).
+    fn truncated<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        self.gather(py, |record| record.truncated)
+    }
+
+    /// Progress of the episodes that the observations show.
+    fn progress<'py>(&self, py: Python<'py>) -> ProgressArrays<'py> {
+        (
+            self.gather(py, |record| record.progress.machined_fraction),
+            self.gather(py, |record| record.progress.off_target_fraction),
+            self.gather(py, |record| i64::from(record.progress.pulses)),
+        )
+    }
+
+    /// Progress of the episodes that the last step finished; 0 elsewhere.
+    fn final_progress<'py>(&self, py: Python<'py>) -> ProgressArrays<'py> {
+        let finished = |record: &StepRecord| record.finished.map(|episode| episode.progress);
+        (
+            self.gather(py, |record| finished(record).map_or(0.0, |p| p.machined_fraction)),
+            self.gather(py, |record| finished(record).map_or(0.0, |p| p.off_target_fraction)),
+            self.gather(py, |record| finished(record).map_or(0, |p| i64::from(p.pulses))),
+        )
+    }
+
+    /// Episodes that the last step finished, as arrays of shape (n,), 0 elsewhere:
+    /// (finished, success, return, length).
+    fn finished<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> (
+        Bound<'py, PyArray1<bool>>,
+        Bound<'py, PyArray1<bool>>,
+        Bound<'py, PyArray1<f64>>,
+        Bound<'py, PyArray1<i64>>,
+    ) {
+        (
+            self.gather(py, |record| record.finished.is_some()),
+            self.gather(py, |record| record.finished.is_some_and(|episode| episode.is_success)),
+            self.gather(py, |record| record.finished.map_or(0.0, |e| e.episode_return)),
+            self.gather(py, |record| record.finished.map_or(0, |e| i64::from(e.length))),
+        )
+    }
+
+    /// (remaining, forbidden) of one environment, Boolean arrays of shape (100, 100).
+    fn layers<'py>(
+        &self,
+        py: Python<'py>,
+        index: usize,
+    ) -> PyResult<(Bound<'py, PyArray2<bool>>, Bound<'py, PyArray2<bool>>)> {
+        let environment = self.batch.environment(index).ok_or_else(|| {
+            option_error("index", index, "below the number of environments")
+        })?;
+        let workpiece = environment.workpiece();
+        Ok((array_of(py, workpiece.remaining()), array_of(py, workpiece.forbidden())))
+    }
+}
+
+impl NativeBatch {
+    /// One value of every record, shape (n,).
+    fn gather<'py, T: Element>(
+        &self,
+        py: Python<'py>,
+        value: impl Fn(&StepRecord) -> T,
+    ) -> Bound<'py, PyArray1<T>> {
+        self.batch.records().map(value).collect::<Array1<T>>().into_pyarray(py)
+    }
+}
+
+/// The error of a buffer that something else is writing to.
+fn borrowed(error: numpy::BorrowError) -> PyErr {
+    exception("ShapeError", format!("the observation buffer cannot be written: {error}"))
+}

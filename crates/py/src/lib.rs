@@ -1,0 +1,31 @@
+//! The extension module `lasergym._native`: borrow, call, convert; nothing else.
+
+mod batch;
+mod bitmaps;
+mod drawings;
+mod environment;
+mod errors;
+mod pictures;
+mod planners;
+mod programs;
+mod settings;
+mod targets;
+
+/// Native half of the Python package `lasergym`.
+#[pyo3::pymodule]
+mod _native {
+    #[pymodule_export]
+    use crate::batch::NativeBatch;
+    #[pymodule_export]
+    use crate::drawings::{load_drawing, target_png};
+    #[pymodule_export]
+    use crate::environment::NativeEnvironment;
+    #[pymodule_export]
+    use crate::pictures::NativeTrajectoryPicture;
+    #[pymodule_export]
+    use crate::planners::plan;
+    #[pymodule_export]
+    use crate::programs::{read_csv, read_gcode, travel, write_csv, write_gcode};
+    #[pymodule_export]
+    use crate::targets::{random_shape, score, star};
+}

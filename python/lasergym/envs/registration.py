@@ -1,0 +1,27 @@
+"""Registration of the environments with Gymnasium."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+
+__all__ = ["ABLATION_IDS", "register_environments"]
+
+ABLATION_IDS = (
+    "lasergym/Star-v0",
+    "lasergym/RotatedStar-v0",
+    "lasergym/RandomShape-v0",
+    "lasergym/Pattern-v0",
+)
+"""Ids of the pulse-ablation environments, easiest first."""
+
+
+def register_environments() -> None:
+    """Registers every environment with its native vector version; a second call changes nothing."""
+    for env_id in ABLATION_IDS:
+        if env_id not in gym.registry:
+            name = env_id.removeprefix("lasergym/").removesuffix("-v0")
+            gym.register(
+                id=env_id,
+                entry_point=f"lasergym.envs:{name}Env",
+                vector_entry_point=f"lasergym.envs:{name}VectorEnv",
+            )

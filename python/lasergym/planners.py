@@ -1,0 +1,180 @@
+"""Planners: where the pulses of a job go, and what anyone's pulses achieve."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lasergym import _native
+from lasergym.errors import PositionError
+from lasergym.targets import TargetLike, as_target
+
+__all__ = ["PLANNERS", "Plan", "PlannerName", "ProgressCallback", "Score", "plan", "score"]
+
+PlannerName: TypeAlias = Literal["raster", "raster-fine", "greedy"]
+"""Names of the planners: raster scan with pitch √2 r, raster scan with pitch r, greedy."""
+
+PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
+"""All planners, the fastest first."""
+
+ProgressCallback: TypeAlias = Callable[[float, float], "bool | None"]
+"""Called with (fraction done in [0, 1], best reward so far); returning True stops the planner."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well pulses machine a target.
+
+    Attributes:
+        reward: (target machined − off-target machined) / workpiece area.
+        machined_fraction: Machined fraction of the target, in [0, 1].
+        off_target_fraction: Area machined beside the target over the area of the target.
+        pulses: Number of pulses.
+    """
+
+    reward: float
+    machined_fraction: float
+    off_target_fraction: float
+    pulses: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """The figures by name, as JSON reports hold them."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Pulses in firing order and what they achieve.
+
+    Attributes:
+        planner: Name of the planner.
+        xy_px: Centres of the pulses in firing order, px; shape (pulses, 2), columns x and y.
+        pulse_radius_px: Radius of every pulse, px.
+        score: What the pulses achieve; its figures are attributes of the plan, too.
+        elapsed_s: Time that planning took, s.
+        partial: Whether the planner was stopped (by Ctrl-C or the callback) before it had finished.
+    """
+
+    planner: str
+    xy_px: NDArray[np.float64]
+    pulse_radius_px: float
+    score: Score
+    elapsed_s: float
+    partial: bool
+
+    @property
+    def reward(self) -> float:
+        """(target machined − off-target machined) / workpiece area."""
+        return self.score.reward
+
+    @property
+    def machined_fraction(self) -> float:
+        """Machined fraction of the target, in [0, 1]."""
+        return self.score.machined_fraction
+
+    @property
+    def off_target_fraction(self) -> float:
+        """Area machined beside the target over the area of the target."""
+        return self.score.off_target_fraction
+
+    @property
+    def pulses(self) -> int:
+        """Number of pulses."""
+        return self.score.pulses
+
+    def as_dict(self) -> dict[str, Any]:
+        """The plan as a JSON report holds it."""
+        return {
+            "planner": self.planner,
+            **self.score.as_dict(),
+            "elapsed_s": self.elapsed_s,
+            "partial": self.partial,
+            "pulse_radius_px": self.pulse_radius_px,
+            "xy_px": self.xy_px.tolist(),
+        }
+
+
+def plan(
+    target: TargetLike,
+    planner: PlannerName = "greedy",
+    *,
+    max_pulses: int = 45,
+    pulse_radius_px: float = 9.0,
+    forbidden: NDArray[np.bool_] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Plan:
+    """Plans pulses for a target.
+
+    Args:
+        target: A Boolean array of shape (100, 100) or the name of a PNG, JPEG, SVG or DXF file.
+        planner: ``"raster"`` (grid of pitch √2 r), ``"raster-fine"`` (grid of pitch r) or ``"greedy"`` (each
+            pulse where it gains most, refined below the pixel).
+        max_pulses: Most pulses that may be used, from 1 to 10 000. Raster scans use as many as their grid
+            has cells.
+        pulse_radius_px: Radius of the disc that one pulse machines, px, in (0, 50].
+        forbidden: Pristine pixels that must stay, where the workpiece is partly machined already; then
+            ``target`` is what remains, and all other pixels are free. Default: all pixels beside the target.
+        progress: Called now and then with (fraction done, best reward); returning True stops the planner.
+
+    Returns:
+        The plan. After Ctrl-C, or when ``progress`` stops the planner, the best plan so far, with
+        ``partial`` set.
+
+    Raises:
+        OptionError: An option is outside its range.
+        TargetError: The target is empty, full or of the wrong shape.
+        DrawingError: The drawing cannot be read.
+    """
+    remaining = as_target(target)
+    started_s = time.perf_counter()
+    xy_px, reward, machined_fraction, off_target_fraction, partial = _native.plan(
+        remaining,
+        None if forbidden is None else as_target(forbidden),
+        {"planner": planner, "pulse_radius_px": pulse_radius_px, "max_pulses": max_pulses},
+        progress,
+    )
+    elapsed_s = time.perf_counter() - started_s
+    figures = Score(reward, machined_fraction, off_target_fraction, len(xy_px))
+    return Plan(planner, xy_px, pulse_radius_px, figures, elapsed_s, partial)
+
+
+def score(target: TargetLike, xy_px: ArrayLike, pulse_radius_px: float = 9.0) -> Score:
+    """Judges anyone's pulses on a pristine workpiece.
+
+    Args:
+        target: A Boolean array of shape (100, 100) or the name of a drawing.
+        xy_px: Centres of the pulses, px; shape (pulses, 2), columns x (to the right) and y (down).
+        pulse_radius_px: Radius of the disc that one pulse machines, px, in (0, 50].
+
+    Returns:
+        Reward, machined fraction, off-target fraction and number of pulses.
+
+    Raises:
+        PositionError: The positions have the wrong shape or are not finite.
+        TargetError, OptionError: As for :func:`plan`.
+    """
+    return Score(*_native.score(as_target(target), positions(xy_px), pulse_radius_px))
+
+
+def positions(xy_px: ArrayLike) -> NDArray[np.float64]:
+    """Pulse positions as float64 of shape (pulses, 2); an empty list is no pulse.
+
+    Raises:
+        PositionError: They have another shape or are not numbers.
+    """
+    try:
+        array = np.asarray(xy_px, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise PositionError(f"the positions are not numbers: {error}") from error
+    if array.size == 0:
+        return np.zeros((0, 2))
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise PositionError(
+            f"the positions have shape {array.shape}, but must have shape (pulses, 2), px"
+        )
+    return np.ascontiguousarray(array)
