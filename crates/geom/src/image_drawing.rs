@@ -35,6 +35,9 @@ pub(crate) fn image_target(
         };
         return Err(error);
     }
+    if !is_complete(bytes, format) {
+        return Err(DrawingError::Truncated { format });
+    }
     let refuse = |error| refusal(&error, format);
     let mut reader = ImageReader::with_format(Cursor::new(bytes), image_format);
     let mut limits = Limits::default();
@@ -49,9 +52,6 @@ pub(crate) fn image_target(
     let size = WORKPIECE_SIZE_PX as u32;
     if options.fit == Fit::Exact && (width, height) != (size, size) {
         return Err(DrawingError::WrongSize { width: f64::from(width), height: f64::from(height) });
-    }
-    if !is_complete(bytes, format) {
-        return Err(DrawingError::Truncated { format });
     }
     let rgba = image::DynamicImage::from_decoder(decoder).map_err(refuse)?.into_rgba8();
     let rule = InkRule::decide(options.ink, &rgba);
