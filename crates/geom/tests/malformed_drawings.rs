@@ -299,29 +299,32 @@ fn a_deeply_nested_svg_is_too_large() {
 
 #[test]
 fn an_svg_of_references_to_references_is_too_large() {
-    let groups: String = (1..20)
+    let groups: Vec<String> = (1..20)
         .map(|level| {
             let uses = format!(r##"<use href="#u{}"/>"##, level - 1).repeat(10);
             format!(r#"<g id="u{level}">{uses}</g>"#)
         })
         .collect();
-    let content =
-        format!(r##"<defs><path id="u0" d="M0 0h9v9z"/>{groups}</defs><use href="#u19"/>"##);
+    let content = format!(
+        r##"<defs><path id="u0" d="M0 0h9v9z"/>{}</defs><use href="#u19"/>"##,
+        groups.concat()
+    );
     assert_refused!(read_svg(&content), DrawingError::TooLarge { .. });
 }
 
 #[test]
 fn an_svg_of_entities_in_entities_is_refused() {
-    let entities: String = (1..20)
+    let entities: Vec<String> = (1..20)
         .map(|level| {
             let below = format!("&e{};", level - 1).repeat(10);
             format!(r#"<!ENTITY e{level} "{below}">"#)
         })
         .collect();
     let page = format!(
-        r#"<!DOCTYPE svg [<!ENTITY e0 "{}">{entities}]>
+        r#"<!DOCTYPE svg [<!ENTITY e0 "{}">{}]>
         <svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">&e19;</svg>"#,
-        "<g/>".repeat(10)
+        "<g/>".repeat(10),
+        entities.concat()
     );
     assert_refused!(
         read(page, DrawingFormat::Svg),
