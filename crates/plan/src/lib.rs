@@ -1,1 +1,36 @@
-//! stub
+//! Planners that decide where the next laser pulse goes: raster scan, greedy, annealing and CMA-ES,
+//! all behind [`Planner`].
+//!
+//! ```
+//! use lasergym_ablation::{Workpiece, star};
+//! use lasergym_plan::{Greedy, Job, Planner};
+//!
+//! let job = Job::new(Workpiece::new(&star(0.0))?, 9.0, 40)?;
+//! let plan = Greedy::default().plan_to_end(&job)?;
+//! assert!(plan.score.reward > 0.459);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod cma_es;
+mod error;
+mod gain_map;
+mod greedy;
+mod job;
+mod plan;
+mod planner;
+mod polish;
+mod raster;
+
+pub use cma_es::{
+    Best, Bounds, CmaEs, CmaEsError, CmaEsOptions, CovarianceUpdate, MAX_GROWTHS,
+    MAX_POPULATION_VALUES, Minimum, Progress, Restarts, StrategyParameters, Termination,
+    Tolerances, minimise, minimise_population,
+};
+pub use error::PlanError;
+pub use gain_map::GainMap;
+pub use greedy::{Greedy, RING_WIDTH_PX};
+pub use job::{Job, MAX_JOB_PULSES};
+pub use plan::Plan;
+pub use planner::{PlanProgress, Planner, PlannerKind};
+pub use polish::{PolishOptions, polish};
+pub use raster::{Raster, RasterPitch};
