@@ -3,7 +3,9 @@
 Importing this package registers the environments with Gymnasium.
 """
 
+from importlib import import_module as _import_module
 from importlib.metadata import version as _version
+from typing import Any as _Any
 
 from lasergym import envs, errors, programs, render, targets
 from lasergym.errors import LasergymError
@@ -24,3 +26,10 @@ __all__ = [
 ]
 
 __version__ = _version("lasergym")
+
+
+def __getattr__(name: str) -> _Any:
+    """Imports ``lasergym.sb3`` when it is first used, since it needs torch."""
+    if name == "sb3":
+        return _import_module("lasergym.sb3")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,6 +1,7 @@
 """Every exception of lasergym, under one root.
 
-Bad arguments and bad files are also :class:`ValueError`, so that ``except ValueError`` catches them.
+Bad arguments and bad files are also :class:`ValueError`, so that ``except ValueError`` catches
+them.
 """
 
 

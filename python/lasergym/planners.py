@@ -112,14 +112,16 @@ def plan(
 
     Args:
         target: A Boolean array of shape (100, 100) or the name of a PNG, JPEG, SVG or DXF file.
-        planner: ``"raster"`` (grid of pitch √2 r), ``"raster-fine"`` (grid of pitch r) or ``"greedy"`` (each
-            pulse where it gains most, refined below the pixel).
-        max_pulses: Most pulses that may be used, from 1 to 10 000. Raster scans use as many as their grid
-            has cells.
+        planner: ``"raster"`` (grid of pitch √2 r), ``"raster-fine"`` (grid of pitch r) or
+            ``"greedy"`` (each pulse where it gains most, refined below the pixel).
+        max_pulses: Most pulses that may be used, from 1 to 10 000. Raster scans use as many as
+            their grid has cells.
         pulse_radius_px: Radius of the disc that one pulse machines, px, in (0, 50].
-        forbidden: Pristine pixels that must stay, where the workpiece is partly machined already; then
-            ``target`` is what remains, and all other pixels are free. Default: all pixels beside the target.
-        progress: Called now and then with (fraction done, best reward); returning True stops the planner.
+        forbidden: Pristine pixels that must stay, where the workpiece is partly machined already;
+            then ``target`` is what remains, and all other pixels are free. Default: all pixels
+            beside the target.
+        progress: Called now and then with (fraction done, best reward); returning True stops the
+            planner.
 
     Returns:
         The plan. After Ctrl-C, or when ``progress`` stops the planner, the best plan so far, with

@@ -1,4 +1,4 @@
-"""Machine programs: pulses as G-code and CSV, out and in, and the time that a stage takes for them."""
+"""Machine programs: pulses as G-code and CSV, out and in, and the time that they take."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ class GcodeOptions:
         power_s: Laser power as the spindle word S, on the scale of the controller's setting $30.
         dwell_s: Time that the laser is on for one pulse, s, from 0.001 to 3600.
         settling_s: Wait with the laser off between arriving and firing, s, from 0 to 3600.
-        feed_mm_min: Feed rate of travel moves, mm/min; None travels as fast as the controller allows.
+        feed_mm_min: Feed rate of travel moves, mm/min; None travels as fast as the controller
+            allows.
     """
 
     frame: WorkpieceFrame = WorkpieceFrame()

@@ -69,13 +69,13 @@ def render_trajectory(
 ) -> NDArray[np.uint8]:
     """Draws pulses over their target in the style of Xie et al. (2022), Fig. 2 c.
 
-    The target is yellow, pulse centres are red dots, the path between them is coloured by order, and the
-    outline of the machined area is green.
+    The target is yellow, pulse centres are red dots, the path between them is coloured by order,
+    and the outline of the machined area is green.
 
     Args:
         target: A Boolean array of shape (100, 100) or the name of a drawing.
-        pulses: A plan, or centres of pulses in firing order, px; shape (pulses, 2), or (pulses, 3) with the
-            radius of each.
+        pulses: A plan, or centres of pulses in firing order, px; shape (pulses, 2), or (pulses, 3)
+            with the radius of each.
         path: Where to write the picture, ``.png`` or ``.svg``; None only returns it.
         pulse_radius_px: Radius of pulses without their own, px; by default that of the plan, or 9.
         width_px: Width of the picture, px.
@@ -129,8 +129,8 @@ def ansi_frame(
 ) -> str:
     """The workpiece as text of 50 × 25 characters and a line of figures.
 
-    A character stands for 2 × 4 px: ``#`` where most of it is remaining target, ``.`` where most must
-    stay, a blank where most is machined.
+    A character stands for 2 × 4 px: ``#`` where most of it is remaining target, ``.`` where most
+    must stay, a blank where most is machined.
     """
     blocks = np.stack([remaining, forbidden, ~(remaining | forbidden)])
     counts = blocks.reshape(3, 25, 4, 50, 2).sum(axis=(2, 4))

@@ -66,8 +66,8 @@ def random_shape(seed: int = 0) -> Target:
     Seven random pixel centres joined by Bézier segments, redrawn while the area is under 3000 px.
 
     Args:
-        seed: Names the shape, from 0 to 2⁶⁴ − 1. Seeds from 2 000 000 000 up are kept for evaluation:
-            nothing that ships with lasergym was trained or tuned on them.
+        seed: Names the shape, from 0 to 2⁶⁴ − 1. Seeds from 2 000 000 000 up are kept for
+            evaluation: nothing that ships with lasergym was trained or tuned on them.
 
     Returns:
         Boolean array of shape (100, 100).
@@ -92,11 +92,12 @@ def load(
         path: A PNG, JPEG, SVG or DXF file; the content decides which.
         margin_px: Free border of the workpiece on each side, px, from 0 to 45.
         threshold: A pixel is target when its mean amount of ink is at least this, in (0, 1].
-        ink: What counts as ink: ``"luminance"`` dark, ``"alpha"`` opaque, ``"auto"`` dark, or, in a picture
-            with transparency, whatever is painted and not white.
+        ink: What counts as ink: ``"luminance"`` dark, ``"alpha"`` opaque, ``"auto"`` dark, or, in a
+            picture with transparency, whatever is painted and not white.
         invert: Whether what is not ink becomes the target.
-        fit: ``"scale"`` scales the ink, with its aspect kept, to the workpiece less the margin and centres
-            it; ``"exact"`` takes one pixel or unit of the drawing as one pixel of the workpiece.
+        fit: ``"scale"`` scales the ink, with its aspect kept, to the workpiece less the margin and
+            centres it; ``"exact"`` takes one pixel or unit of the drawing as one pixel of the
+            workpiece.
 
     Returns:
         Boolean array of shape (100, 100).
@@ -121,8 +122,8 @@ def as_target(target: TargetLike) -> Target:
     """Checks that ``target`` is a target, or reads it from a drawing.
 
     Args:
-        target: A Boolean array of shape (100, 100), an array of zeros and ones of that shape, or the
-            name of a PNG, JPEG, SVG or DXF file.
+        target: A Boolean array of shape (100, 100), an array of zeros and ones of that shape, or
+            the name of a PNG, JPEG, SVG or DXF file.
 
     Returns:
         Boolean array of shape (100, 100).

@@ -1,14 +1,14 @@
 //! Environments that step together.
 
-use lasergym_ablation::{Action, Batch, BatchOptions, StepRecord};
-use numpy::ndarray::Array1;
+use lasergym_ablation::{Action, Batch, BatchOptions, Environment, StepRecord};
+use numpy::ndarray::{Array1, Array2};
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods,
     PyReadonlyArray2,
 };
 use pyo3::prelude::*;
 
-use crate::bitmaps::array_of;
+use crate::bitmaps::{array_of, bitmap_of};
 use crate::errors::{ablation_error, exception, option_error};
 use crate::settings::{Settings, autoreset_of, count};
 
@@ -61,6 +61,19 @@ impl NativeBatch {
         let observations = observations.as_slice_mut()?;
         let batch = &mut self.batch;
         py.detach(|| batch.reset(&seeds, mask.as_deref(), observations)).map_err(ablation_error)
+    }
+
+    /// Begins an episode with the given target in one environment and writes its observation.
+    fn reset_to(
+        &mut self,
+        index: usize,
+        target: PyReadonlyArray2<'_, bool>,
+        observations: &Bound<'_, PyArray4<u8>>,
+    ) -> PyResult<()> {
+        let mut observations = observations.try_readwrite().map_err(borrowed)?;
+        self.batch
+            .reset_to(index, &bitmap_of(&target)?, observations.as_slice_mut()?)
+            .map_err(ablation_error)
     }
 
     /// Fires one pulse in every environment and writes what changed.
@@ -137,6 +150,22 @@ impl NativeBatch {
             self.gather(py, |record| record.finished.map_or(0.0, |e| e.episode_return)),
             self.gather(py, |record| record.finished.map_or(0, |e| i64::from(e.length))),
         )
+    }
+
+    /// The last pulse of every episode as it landed, shape (n, 3): x, y, radius, px; NaN before the
+    /// first.
+    fn last_pulses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let pulses = (0..self.batch.len()).map(|index| {
+            self.batch.environment(index).and_then(Environment::last_pulse).map_or(
+                [f64::NAN; 3],
+                |pulse| [pulse.position.x, pulse.position.y, pulse.radius_px],
+            )
+        });
+        let mut array = Array2::zeros((self.batch.len(), 3));
+        for (mut row, pulse) in array.rows_mut().into_iter().zip(pulses) {
+            row.assign(&numpy::ndarray::ArrayView1::from(&pulse));
+        }
+        array.into_pyarray(py)
     }
 
     /// (remaining, forbidden) of one environment, Boolean arrays of shape (100, 100).

@@ -23,7 +23,8 @@ class AblationEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
     See :class:`StarEnv` for spaces, rewards and arguments.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]  # Gymnasium declares it per instance
+    # Gymnasium declares it without ClassVar.
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
         "render_modes": ["rgb_array", "human", "ansi"],
         "render_fps": 10,
     }
@@ -74,8 +75,8 @@ class AblationEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
 
         Args:
             seed: Starts the random stream anew; without it the stream goes on.
-            options: ``{"target": …}`` (a Boolean array of shape (100, 100) or the name of a drawing)
-                machines that target in this episode, whatever the task.
+            options: ``{"target": …}`` (a Boolean array of shape (100, 100) or the name of a
+                drawing) machines that target in this episode, whatever the task.
 
         Returns:
             The first observation and its info.
@@ -129,12 +130,11 @@ class AblationEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
             ``"human"`` nothing: the picture is shown in a window.
         """
         if self.render_mode is None:
-            gym.logger.warn(
-                "render() needs a render mode: gym.make(..., render_mode='rgb_array')"
-            )
+            gym.logger.warn("render() needs a render mode: gym.make(..., render_mode='rgb_array')")
             return None
         if self.render_mode == "ansi":
-            return ansi_frame(*self._native.layers(), *self._native.progress())
+            remaining, forbidden = self._native.layers()
+            return ansi_frame(remaining, forbidden, *self._native.progress())
         if self._trajectory is None:
             gym.logger.warn("render() needs a reset first")
             return None
@@ -187,37 +187,39 @@ class StarEnv(AblationEnv):
     """A five-pointed star, machined pulse by pulse.
 
     ## Description
-    A laser removes material from a workpiece of 100 × 100 px (1 px = 1 µm), one pulse at a time. Each
-    pulse machines a disc of 18 µm diameter wherever the agent aims. The target is always the same
-    upright star of 4842 px; the task is to machine as much of it, and as little beside it, as the pulse
-    budget allows. This is the first task of Xie et al. (2022), section 3.1.
+    A laser removes material from a workpiece of 100 × 100 px (1 px = 1 µm), one pulse at a time.
+    Each pulse machines a disc of 18 µm diameter wherever the agent aims. The target is always the
+    same upright star of 4842 px; the task is to machine as much of it, and as little beside it, as
+    the pulse budget allows. This is the first task of Xie et al. (2022), section 3.1.
 
     ## Action Space
-    `Box(-1, 1, (2,), float32)`: the pulse lands at x = 50 (1 + a₀), y = 50 (1 + a₁) px, x to the right, y
-    down. Positions are continuous. What exceeds [-1, 1] is clipped; NaN is an error.
+    `Box(-1, 1, (2,), float32)`: the pulse lands at x = 50 (1 + a₀), y = 50 (1 + a₁) px, x to the
+    right, y down. Positions are continuous. What exceeds [-1, 1] is clipped; NaN is an error.
 
     ## Observation Space
-    `observation="remaining"` (what the paper's agent sees): `Box(0, 255, (1, 100, 100), uint8)`, 255 where
-    target remains, 0 elsewhere.
+    `observation="remaining"` (what the paper's agent sees): `Box(0, 255, (1, 100, 100), uint8)`,
+    255 where target remains, 0 elsewhere.
 
-    `observation="layers"`: `Box(0, 255, (3, 100, 100), uint8)`: remaining target, pristine ground that must
-    stay, and pulses left / `max_pulses` (scaled to 255) everywhere. With it the process is Markov.
+    `observation="layers"`: `Box(0, 255, (3, 100, 100), uint8)`: remaining target, pristine ground
+    that must stay, and pulses left / `max_pulses` (scaled to 255) everywhere. With it the process
+    is Markov.
 
     ## Rewards
-    (target pixels machined by the pulse − pixels machined beside the target) / 10 000. Ground that is
-    machined already is free. The return is (target machined − off-target machined) / workpiece area.
+    (target pixels machined by the pulse − pixels machined beside the target) / 10 000. Ground that
+    is machined already is free. The return is (target machined − off-target machined) / workpiece
+    area.
 
     ## Starting State
     A pristine workpiece.
 
     ## Episode Termination
-    The episode terminates when `completion` of the target is machined, when `max_pulses` pulses are used,
-    or, with `stop_on_miss`, when a pulse machines no target. It is never truncated, except by
+    The episode terminates when `completion` of the target is machined, when `max_pulses` pulses are
+    used, or, with `stop_on_miss`, when a pulse machines no target. It is never truncated, except by
     `max_episode_steps` of `gym.make`.
 
     ## Information
-    `machined_fraction` (of the target), `off_target_fraction` (area machined beside the target over the
-    area of the target), `pulses`, and at the end `is_success` (`completion` reached).
+    `machined_fraction` (of the target), `off_target_fraction` (area machined beside the target over
+    the area of the target), `pulses`, and at the end `is_success` (`completion` reached).
 
     ## Arguments
     ```python
@@ -227,21 +229,22 @@ class StarEnv(AblationEnv):
     * `pulse_radius_px` (9.0): radius of the disc that a pulse machines, px, in (0, 50].
     * `max_pulses` (45): pulse budget, at least 1.
     * `completion` (0.99): machined fraction that completes the target, in (0, 1].
-    * `pointing_error_px` (0.0): standard deviation of each pulse's displacement along x and along y, px.
+    * `pointing_error_px` (0.0): standard deviation of each pulse's displacement along x and along
+      y, px.
     * `radius_error` (0.0): relative standard deviation of each pulse's radius, in [0, 0.5].
     * `stop_on_miss` (False): whether a pulse that machines no target ends the episode.
     * `render_mode`: `"rgb_array"`, `"ansi"`, or `"human"` (needs the extra `lasergym[human]`).
 
     ## Reset Arguments
-    `env.reset(options={"target": ...})` machines another target in this episode: a Boolean array of shape
-    (100, 100) or the name of a PNG, JPEG, SVG or DXF file.
+    `env.reset(options={"target": ...})` machines another target in this episode: a Boolean array of
+    shape (100, 100) or the name of a PNG, JPEG, SVG or DXF file.
 
     ## Version History
     * v0: first version.
 
     ## References
-    Y. Xie, M. Praeger, J. A. Grant-Jacob, R. W. Eason, B. Mills, "Motion control for laser machining via
-    reinforcement learning", Optics Express (2022).
+    Y. Xie, M. Praeger, J. A. Grant-Jacob, R. W. Eason, B. Mills, "Motion control for laser
+    machining via reinforcement learning", Optics Express (2022).
     """
 
     task = "star"
@@ -294,10 +297,10 @@ class RandomShapeEnv(AblationEnv):
     """A new random shape in every episode, machined pulse by pulse.
 
     ## Description
-    The target is a smooth random shape: seven random pixel centres, sorted by angle about their centroid
-    and joined by Bézier segments, redrawn while the area is under 3000 px. Some shapes have features that
-    are smaller than a pulse. This is the third task of Xie et al. (2022), section 3.3: a policy that
-    solves it machines arbitrary patterns.
+    The target is a smooth random shape: seven random pixel centres, sorted by angle about their
+    centroid and joined by Bézier segments, redrawn while the area is under 3000 px. Some shapes
+    have features that are smaller than a pulse. This is the third task of Xie et al. (2022),
+    section 3.3: a policy that solves it machines arbitrary patterns.
 
     ## Action Space
     As `lasergym/Star-v0`: `Box(-1, 1, (2,), float32)`, the position of the next pulse.
@@ -338,8 +341,8 @@ class PatternEnv(AblationEnv):
     """A pattern of your own, machined pulse by pulse.
 
     ## Description
-    The target is the pattern given as `target`: a Boolean array of shape (100, 100), or the name of a PNG,
-    JPEG, SVG or DXF file, which is scaled to the workpiece. Without it, the star.
+    The target is the pattern given as `target`: a Boolean array of shape (100, 100), or the name of
+    a PNG, JPEG, SVG or DXF file, which is scaled to the workpiece. Without it, the star.
 
     ## Action Space
     As `lasergym/Star-v0`: `Box(-1, 1, (2,), float32)`, the position of the next pulse.

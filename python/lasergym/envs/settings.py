@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -23,6 +23,11 @@ __all__ = [
 
 Task: TypeAlias = Literal["star", "rotated-star", "random-shape", "pattern"]
 ObservationMode: TypeAlias = Literal["remaining", "layers"]
+
+if TYPE_CHECKING:
+    ImageSpace: TypeAlias = gym.spaces.Box[np.uint8]
+    ActionSpace: TypeAlias = gym.spaces.Box[np.float32]
+    BoxOf = TypeVar("BoxOf", ImageSpace, ActionSpace)
 
 CHANNELS: dict[str, int] = {"remaining": 1, "layers": 3}
 
@@ -58,14 +63,14 @@ class Settings:
         """The settings as keyword arguments of the native environments."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
-    def observation_space(self) -> gym.spaces.Box:
+    def observation_space(self) -> ImageSpace:
         """The space of observations: uint8 of shape (channels, 100, 100)."""
         if self.observation not in CHANNELS:
             names = " or ".join(f'"{name}"' for name in CHANNELS)
             raise OptionError(f"observation is {self.observation!r}, but must be {names}")
         return gym.spaces.Box(0, 255, (CHANNELS[self.observation], SIZE_PX, SIZE_PX), np.uint8)
 
-    def action_space(self) -> gym.spaces.Box:
+    def action_space(self) -> ActionSpace:
         """The space of actions: [-1, 1]², float32."""
         return gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
 
@@ -97,13 +102,13 @@ def action_array(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     return np.ascontiguousarray(array)
 
 
-def batched_box(space: gym.spaces.Box, count: int) -> gym.spaces.Box:
+def batched_box(space: BoxOf, count: int) -> BoxOf:
     """The space of ``count`` points of ``space``, equal to ``gymnasium.vector.utils.batch_space``.
 
     Its bounds are views of those of ``space``. A plain Box holds four arrays of the full shape,
     which for 65 536 images would take 2.6 GB.
     """
-    batched = gym.spaces.Box(space.low[None], space.high[None], dtype=space.dtype.type)
+    batched = type(space)(space.low[None], space.high[None], dtype=space.dtype.type)
     batched._shape = (count, *space.shape)
     for name in ("low", "high", "bounded_below", "bounded_above"):
         view = np.broadcast_to(getattr(space, name), batched._shape)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -25,6 +25,9 @@ from lasergym.errors import OptionError, RenderModeError, ShapeError
 from lasergym.render import Trajectory
 from lasergym.targets import Target, TargetLike, as_target
 
+if TYPE_CHECKING:
+    from lasergym.envs.settings import ImageSpace
+
 __all__ = [
     "AblationVectorEnv",
     "PatternVectorEnv",
@@ -43,20 +46,22 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
     Args:
         num_envs: Number of environments, at least 1.
         max_episode_steps: Steps after which an episode is truncated (default: never).
-        autoreset_mode: What happens at the end of an episode (``gymnasium.vector.AutoresetMode`` or its
-            value). ``NEXT_STEP`` (default) resets in the step after the last, ``SAME_STEP`` in the last
-            step itself, with ``infos["final_obs"]`` and ``infos["final_info"]``, ``DISABLED`` leaves it to
-            ``reset(options={"reset_mask": mask})``.
+        autoreset_mode: What happens at the end of an episode (``gymnasium.vector.AutoresetMode`` or
+            its value). ``NEXT_STEP`` (default) resets in the step after the last, ``SAME_STEP`` in
+            the last step itself, with ``infos["final_obs"]`` and ``infos["final_info"]``,
+            ``DISABLED`` leaves it to ``reset(options={"reset_mask": mask})``.
         threads: Worker threads, at least 1. The results do not depend on their number.
         copy: Whether ``reset`` and ``step`` return copies of the observations (default), as
-            ``SyncVectorEnv`` does. Without, they return the buffer that the next step writes to, in which
-            only the pixels that changed are written: much faster, but keep no reference to it.
-        episode_statistics: Whether ``infos["episode"]`` holds return ``r``, length ``l`` and duration ``t``
-            of the episodes that end. Switch it off to use ``RecordEpisodeStatistics`` instead.
+            ``SyncVectorEnv`` does. Without, they return the buffer that the next step writes to, in
+            which only the pixels that changed are written: much faster, but keep no reference to
+            it.
+        episode_statistics: Whether ``infos["episode"]`` holds return ``r``, length ``l`` and
+            duration ``t`` of the episodes that end. Switch it off to use
+            ``RecordEpisodeStatistics`` instead.
 
     ``infos`` holds arrays of shape (num_envs,) with a mask ``_key`` beside each ``key``, as in
-    ``SyncVectorEnv``. ``final_obs`` is one dense array of shape (num_envs, channels, 100, 100); where
-    ``_final_obs`` is False it is zero.
+    ``SyncVectorEnv``. ``final_obs`` is one dense array of shape (num_envs, channels, 100, 100);
+    where ``_final_obs`` is False it is zero.
     """
 
     task: ClassVar[Task]
@@ -84,7 +89,7 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
         super().__init__()
         if render_mode not in (None, "rgb_array"):
             raise RenderModeError(
-                f"render_mode is {render_mode!r}, but vector environments have \"rgb_array\" only"
+                f'render_mode is {render_mode!r}, but vector environments have "rgb_array" only'
             )
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -137,9 +142,9 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
         self._trajectories: list[Trajectory] = []
 
     @cached_property
-    def observation_space(self) -> gym.spaces.Box:  # type: ignore[override]
+    def observation_space(self) -> ImageSpace:  # type: ignore[override]  # made lazily
         """The space of batched observations, made when first asked for."""
-        return batched_box(self.single_observation_space, self.num_envs)
+        return batched_box(self.settings.observation_space(), self.num_envs)
 
     def reset(
         self,
@@ -150,19 +155,31 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
         """Begins new episodes.
 
         Args:
-            seed: Environment ``i`` gets ``seed + i``, or ``seed[i]`` from a sequence; without, the streams
-                go on. Each equals ``reset(seed=…)`` of a single environment.
-            options: ``{"reset_mask": mask}`` (Boolean array of shape (num_envs,)) resets only where the mask
-                is True.
+            seed: Environment ``i`` gets ``seed + i``, or ``seed[i]`` from a sequence; without, the
+                streams go on. Each equals ``reset(seed=…)`` of a single environment.
+            options: ``{"reset_mask": mask}`` (Boolean array of shape (num_envs,)) resets only where
+                the mask is True. ``{"target": target}`` machines that target in these episodes; a
+                list of targets (or None) names one for each environment.
 
         Returns:
             The observations and infos.
         """
-        mask = self._reset_mask(options)
+        options = options or {}
+        unknown = sorted(options.keys() - {"reset_mask", "target"})
+        if unknown:
+            raise OptionError(
+                f"unknown reset options {unknown}: there are `reset_mask` and `target`"
+            )
+        mask = self._reset_mask(options.get("reset_mask"))
+        targets = self._targets(options.get("target"))
         native_seeds = self._native_seeds(seed, mask)
         mask_list = None if mask is None else mask.tolist()
         self._native.reset(native_seeds, mask_list, self._observations)
         resets = np.ones(self.num_envs, np.bool_) if mask is None else mask
+        for index in np.flatnonzero(resets).tolist():
+            target = targets[index]
+            if target is not None:
+                self._native.reset_to(index, target, self._observations)
         self._started_s[resets] = time.perf_counter()
         self._begin_trajectories(resets)
         return self._returned_observations(), self._progress_infos(resets)
@@ -181,11 +198,13 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
             Observations, rewards, terminations, truncations, infos.
 
         Raises:
-            ActionError: Wrong shape or dtype, or a component that is not finite; nothing has happened.
+            ActionError: Wrong shape or dtype, or a component that is not finite; nothing has
+                happened.
             EpisodeOverError: An episode is over and nobody resets it; nothing has happened.
         """
         array = action_array(actions, (self.num_envs, 2))
         self._native.step(array, self._observations, self._final_observations)
+        self._follow_pulses()
         terminated, truncated = self._native.terminated(), self._native.truncated()
         infos = self._progress_infos(np.ones(self.num_envs, np.bool_))
         finished, success, episode_return, length = self._native.finished()
@@ -212,7 +231,8 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
         """A picture of every environment.
 
         Returns:
-            With ``render_mode="rgb_array"`` one array (uint8 of shape (400, 400, 3)) per environment.
+            With ``render_mode="rgb_array"`` one array (uint8 of shape (400, 400, 3)) per
+            environment.
         """
         if self.render_mode is None:
             gym.logger.warn(
@@ -220,6 +240,10 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
             )
             return None
         return tuple(trajectory.rgb_array() for trajectory in self._trajectories)
+
+    def render_one(self, index: int) -> NDArray[np.uint8] | None:
+        """A picture of one environment, see :meth:`render`."""
+        return self._trajectories[index].rgb_array() if self._trajectories else None
 
     def remaining(self, index: int) -> Target:
         """Target pixels of one environment that are not machined yet, Boolean (100, 100)."""
@@ -229,13 +253,43 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
         """Pristine pixels of one environment that must stay, Boolean (100, 100)."""
         return self._native.layers(index)[1]
 
-    def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_] | None:
-        """The mask that reset options give."""
-        options = options or {}
-        unknown = sorted(options.keys() - {"reset_mask"})
-        if unknown:
-            raise OptionError(f"unknown reset options {unknown}: `reset_mask` is the only one")
-        mask = options.get("reset_mask")
+    def _begin_trajectories(self, where: NDArray[np.bool_]) -> None:
+        """Begins the pictures of new episodes."""
+        if self.render_mode is None:
+            return
+        if not self._trajectories:
+            where = np.ones(self.num_envs, np.bool_)
+        radius_px = self.settings.pulse_radius_px
+        begun = {
+            index: Trajectory(self.remaining(index), radius_px)
+            for index in np.flatnonzero(where).tolist()
+        }
+        self._trajectories = [
+            begun.get(index) or self._trajectories[index] for index in range(self.num_envs)
+        ]
+
+    def _follow_pulses(self) -> None:
+        """Adds the pulses of the last step to the pictures."""
+        if self.render_mode is None:
+            return
+        pulses = self._native.last_pulses()
+        begun = np.isnan(pulses[:, 0])
+        for trajectory, pulse in zip(self._trajectories, pulses.tolist(), strict=True):
+            trajectory.add(*pulse)
+        self._begin_trajectories(begun)
+
+    def _targets(self, target: Any) -> list[Target | None]:
+        """The targets that a reset option names, one for each environment."""
+        if target is None:
+            return [None] * self.num_envs
+        if not isinstance(target, (list, tuple)):
+            return [as_target(target)] * self.num_envs
+        if len(target) != self.num_envs:
+            raise ShapeError(f"{len(target)} targets are given for {self.num_envs} environments")
+        return [None if one is None else as_target(one) for one in target]
+
+    def _reset_mask(self, mask: Any) -> NDArray[np.bool_] | None:
+        """The mask that a reset option gives, checked."""
         if mask is None:
             return None
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
