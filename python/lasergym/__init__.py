@@ -8,10 +8,12 @@ from importlib.metadata import version as _version
 from typing import Any as _Any
 
 from lasergym import envs, errors, programs, render, targets
+from lasergym.cma_es import CmaEs
 from lasergym.errors import LasergymError
 from lasergym.planners import Plan, PlannerName, Score, plan, score
 
 __all__ = [
+    "CmaEs",
     "LasergymError",
     "Plan",
     "PlannerName",

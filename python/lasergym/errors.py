@@ -113,5 +113,9 @@ class PlanError(LasergymError, ValueError):
     """A plan cannot be made."""
 
 
+class OptimiserError(LasergymError, ValueError):
+    """CMA-ES cannot start or go on."""
+
+
 class ProgramError(LasergymError, ValueError):
     """A machine program cannot be read or written."""

@@ -2,10 +2,7 @@
 
 use lasergym_ablation::{Action, Batch, BatchOptions, Environment, StepRecord};
 use numpy::ndarray::{Array1, Array2};
-use numpy::{
-    Element, IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods,
-    PyReadonlyArray2,
-};
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use crate::bitmaps::{array_of, bitmap_of};
@@ -43,8 +40,8 @@ impl NativeBatch {
             threads: usize::try_from(threads)
                 .map_err(|_| option_error("threads", threads, "at least 1"))?,
         };
-        let batch = Batch::new(settings.task()?, settings.options()?, options)
-            .map_err(ablation_error)?;
+        let batch =
+            Batch::new(settings.task()?, settings.options()?, options).map_err(ablation_error)?;
         Ok(Self { batch })
     }
 
@@ -156,10 +153,12 @@ impl NativeBatch {
     /// first.
     fn last_pulses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
         let pulses = (0..self.batch.len()).map(|index| {
-            self.batch.environment(index).and_then(Environment::last_pulse).map_or(
-                [f64::NAN; 3],
-                |pulse| [pulse.position.x, pulse.position.y, pulse.radius_px],
-            )
+            self.batch
+                .environment(index)
+                .and_then(Environment::last_pulse)
+                .map_or([f64::NAN; 3], |pulse| {
+                    [pulse.position.x, pulse.position.y, pulse.radius_px]
+                })
         });
         let mut array = Array2::zeros((self.batch.len(), 3));
         for (mut row, pulse) in array.rows_mut().into_iter().zip(pulses) {
@@ -174,9 +173,10 @@ impl NativeBatch {
         py: Python<'py>,
         index: usize,
     ) -> PyResult<(Bound<'py, PyArray2<bool>>, Bound<'py, PyArray2<bool>>)> {
-        let environment = self.batch.environment(index).ok_or_else(|| {
-            option_error("index", index, "below the number of environments")
-        })?;
+        let environment = self
+            .batch
+            .environment(index)
+            .ok_or_else(|| option_error("index", index, "below the number of environments"))?;
         let workpiece = environment.workpiece();
         Ok((array_of(py, workpiece.remaining()), array_of(py, workpiece.forbidden())))
     }

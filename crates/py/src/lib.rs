@@ -2,6 +2,7 @@
 
 mod batch;
 mod bitmaps;
+mod cma_es;
 mod drawings;
 mod environment;
 mod errors;
@@ -16,6 +17,8 @@ mod targets;
 mod _native {
     #[pymodule_export]
     use crate::batch::NativeBatch;
+    #[pymodule_export]
+    use crate::cma_es::NativeCmaEs;
     #[pymodule_export]
     use crate::drawings::{load_drawing, target_png};
     #[pymodule_export]

@@ -33,7 +33,9 @@ impl NativeTrajectoryPicture {
         if shape[1] != 3 {
             return Err(exception(
                 "PositionError",
-                format!("the pulses have shape {shape:?}, but must have shape (n, 3): x, y, radius"),
+                format!(
+                    "the pulses have shape {shape:?}, but must have shape (n, 3): x, y, radius"
+                ),
             ));
         }
         let pulses = pulses

@@ -48,10 +48,9 @@ pub(crate) fn write_gcode(
     settling_s: f64,
     feed_mm_min: Option<f64>,
 ) -> PyResult<String> {
-    let travel = feed_mm_min
-        .map_or(TravelMove::Rapid, |feed_mm_min| TravelMove::Feed { feed_mm_min });
-    let options =
-        GcodeOptions { frame: frame.frame()?, power_s, dwell_s, settling_s, travel };
+    let travel =
+        feed_mm_min.map_or(TravelMove::Rapid, |feed_mm_min| TravelMove::Feed { feed_mm_min });
+    let options = GcodeOptions { frame: frame.frame()?, power_s, dwell_s, settling_s, travel };
     let path = path_of(&xy_px, pulse_radius_px)?;
     lasergym_toolpath::write_gcode(&path, &options).map_err(toolpath_error)
 }

@@ -1,6 +1,8 @@
 //! Targets, and the score of pulses fired at them.
 
-use lasergym_ablation::{Stream, random_shape as draw_random_shape, score as judge, star as draw_star};
+use lasergym_ablation::{
+    Stream, random_shape as draw_random_shape, score as judge, star as draw_star,
+};
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
