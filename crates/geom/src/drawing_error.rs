@@ -60,7 +60,7 @@ pub enum DrawingError {
         reason: String,
     },
     /// The drawing is larger than what is read.
-    #[error("the drawing has {found} {unit}, the limit is {limit}; make it smaller")]
+    #[error("the drawing has {found} {unit}, the limit is {limit}; simplify or shrink it")]
     TooLarge {
         /// What was counted: `pixels`, `bytes`, `elements`, …
         unit: &'static str,

@@ -35,7 +35,10 @@ const NOTES: [&str; 12] = [
 const MAX_POINTS: usize = 4_000_000;
 
 /// Largest number of group codes, those of inserted blocks counted at each insertion.
-const MAX_GROUPS: usize = 10_000_000;
+const MAX_GROUPS: usize = 4_000_000;
+
+/// Inserting a block takes about as long as reading this many group codes.
+const INSERTION_GROUPS: usize = 16;
 
 /// What [`MAX_GROUPS`] limits, for messages.
 const GROUPS: &str = "group codes once its blocks are inserted";
@@ -210,7 +213,9 @@ impl<'a> EntityReader<'a, '_> {
         let (sin, cos) = record.number_or(50, 0.0)?.to_radians().sin_cos();
         let copies = [record.number_or(70, 1.0)?, record.number_or(71, 1.0)?].map(|n| n.max(1.0));
         let steps = [record.number_or(44, 0.0)?, record.number_or(45, 0.0)?];
-        check_limit(GROUPS, (copies[0] * copies[1]) as usize, MAX_GROUPS)?;
+        let insertions = (copies[0] * copies[1]) as usize;
+        self.groups = self.groups.saturating_add(insertions.saturating_mul(INSERTION_GROUPS));
+        check_limit(GROUPS, self.groups, MAX_GROUPS)?;
         for row in 0..copies[1] as u32 {
             for column in 0..copies[0] as u32 {
                 let step = [f64::from(column) * steps[0], f64::from(row) * steps[1]];
@@ -220,8 +225,6 @@ impl<'a> EntityReader<'a, '_> {
                     offset: [step[0] - scale[0] * base[0], step[1] - scale[1] * base[1]],
                 };
                 let placed = affine.after(&turned.after(&scaled));
-                self.groups += 1;
-                check_limit(GROUPS, self.groups, MAX_GROUPS)?;
                 self.read(entities, &placed, depth + 1)?;
             }
         }

@@ -23,6 +23,7 @@ mod point;
 mod svg_cost;
 mod svg_document;
 mod svg_drawing;
+mod svg_references;
 
 pub use bezier::CubicBezier;
 pub use bitmap::{Bitmap, Row, row_mask};

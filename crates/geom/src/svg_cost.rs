@@ -1,23 +1,16 @@
-//! What an SVG document would cost to read, bounded before it is spent.
+//! What rendering an SVG document would cost, bounded before it is spent.
 //!
-//! A short document may ask for endless work: references to references (`use`, clip paths, masks)
-//! grow exponentially, dashes of a hair's length cut a long line into millions, and thousands of
-//! large translucent layers each cover the page.
+//! A short document may ask for endless work: dashes of a hair's length cut a long line into
+//! millions, and thousands of large translucent layers each cover the page.
 
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::BTreeSet;
 
 use resvg::{
     tiny_skia::Rect,
-    usvg::{Fill, Group, Node, Paint, Path, Stroke, Tree, roxmltree},
+    usvg::{Fill, Group, Node, Paint, Path, Stroke, Tree},
 };
 
 use crate::{DrawingError, placement::Bounds, svg_drawing::refuse_kinds};
-
-/// Largest size of a document with each reference replaced by what it refers to, bytes.
-const MAX_EXPANDED_BYTES: u64 = 32 << 20;
-
-/// An element without attributes counts as this many bytes.
-const ELEMENT_BYTES: u64 = 64;
 
 /// Largest work for one rendering, painted samples. A plain page takes about two million.
 const MAX_PAINTED_SAMPLES: f64 = 2e9;
@@ -27,65 +20,6 @@ const SEGMENT_SAMPLES: f64 = 200.0;
 
 /// Compositing a layer takes about as long as painting it this many times.
 const LAYER_PAINTS: f64 = 8.0;
-
-/// Refuses documents whose references expand to more than [`MAX_EXPANDED_BYTES`].
-pub(crate) fn check_expansion(xml: &roxmltree::Document<'_>) -> Result<(), DrawingError> {
-    let by_id = xml.descendants().filter_map(|node| Some((node.attribute("id")?, node))).collect();
-    let mut expansion = Expansion { by_id, known: HashMap::new(), open: HashSet::new() };
-    let found = expansion.bytes(xml.root());
-    if found > MAX_EXPANDED_BYTES {
-        return Err(DrawingError::TooLarge {
-            unit: "bytes once its references are resolved",
-            found,
-            limit: MAX_EXPANDED_BYTES,
-        });
-    }
-    Ok(())
-}
-
-/// Sizes of elements with their references resolved.
-struct Expansion<'a, 'input> {
-    by_id: HashMap<&'a str, roxmltree::Node<'a, 'input>>,
-    known: HashMap<roxmltree::NodeId, u64>,
-    /// The elements under way: a reference back to them is no content.
-    open: HashSet<roxmltree::NodeId>,
-}
-
-impl<'a, 'input> Expansion<'a, 'input> {
-    fn bytes(&mut self, node: roxmltree::Node<'a, 'input>) -> u64 {
-        if let Some(&bytes) = self.known.get(&node.id()) {
-            return bytes;
-        }
-        if !self.open.insert(node.id()) {
-            return 0;
-        }
-        let mut bytes = ELEMENT_BYTES + node.text().map_or(0, |text| text.len() as u64);
-        for attribute in node.attributes() {
-            bytes = bytes.saturating_add(attribute.value().len() as u64);
-            for id in references(attribute.name(), attribute.value()) {
-                if let Some(&target) = self.by_id.get(id) {
-                    bytes = bytes.saturating_add(self.bytes(target));
-                }
-            }
-        }
-        for child in node.children() {
-            bytes = bytes.saturating_add(self.bytes(child));
-        }
-        self.open.remove(&node.id());
-        self.known.insert(node.id(), bytes);
-        bytes
-    }
-}
-
-/// The ids an attribute refers to: `href="#id"` and each `url(#id)`.
-fn references<'a>(name: &str, value: &'a str) -> impl Iterator<Item = &'a str> {
-    let href = (name == "href").then(|| value.trim().strip_prefix('#')).flatten();
-    let urls = value.split("url(").skip(1).filter_map(|rest| {
-        let id = rest.split(')').next()?.trim().trim_matches(['"', '\'']).trim();
-        id.strip_prefix('#')
-    });
-    href.into_iter().chain(urls)
-}
 
 /// Refuses trees whose rendering of `region` of the page, at `scale` samples to a unit, would take
 /// more than [`MAX_PAINTED_SAMPLES`], and paint that is not read. Tells whether there is any shape.

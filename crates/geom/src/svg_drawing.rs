@@ -12,8 +12,9 @@ use crate::{
     ink_raster::{InkRaster, InkRule},
     picture::render,
     placement::Bounds,
-    svg_cost::{check_expansion, check_rendering},
+    svg_cost::check_rendering,
     svg_document::{SvgDocument, isolated, parse_xml},
+    svg_references::{check_entities, check_expansion},
 };
 
 /// Longer side of a rendering, samples.
@@ -44,6 +45,7 @@ pub(crate) fn svg_target(bytes: &[u8], options: &DrawingOptions) -> Result<Bitma
         format: DrawingFormat::Svg,
         reason: format!("it is not UTF-8 text: {error}"),
     })?;
+    check_entities(svg)?;
     isolated(|| {
         let xml = parse_xml(svg)?;
         check_depth(&xml)?;

@@ -370,3 +370,16 @@ fn notes_and_hidden_entities_of_a_dxf_are_passed_over() {
                 0 LINE 67 1 10 0 20 0 11 9 21 9 0 ENDSEC 0 EOF";
     assert_circle_area(&read_dxf_file(file, &EXACT).unwrap(), 30.0);
 }
+
+#[test]
+fn a_document_type_of_plain_entities_is_resolved() {
+    let page = r#"<?xml version="1.0"?>
+        <!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "svg11.dtd" [
+            <!ENTITY space "http://www.w3.org/2000/svg">
+            <!ENTITY blue '#00f'>
+        ]>
+        <svg xmlns="&space;" viewBox="0 0 100 100">
+            <circle cx="50" cy="50" r="30" fill="&blue;"/></svg>"#;
+    let target = drawing_from_bytes(page.as_bytes(), DrawingFormat::Svg, &EXACT).unwrap();
+    assert_circle_area(&target, 30.0);
+}

@@ -326,10 +326,35 @@ fn an_svg_of_entities_in_entities_is_refused() {
         "<g/>".repeat(10),
         entities.concat()
     );
-    assert_refused!(
-        read(page, DrawingFormat::Svg),
-        DrawingError::Malformed { .. } | DrawingError::TooLarge { .. }
+    assert_refused!(read(page, DrawingFormat::Svg), DrawingError::Malformed { .. });
+}
+
+#[test]
+fn an_svg_of_masks_in_masks_by_style_sheet_is_too_large() {
+    let masks: Vec<String> = (0..20)
+        .map(|level| {
+            let class = format!("c{}", 99 + level);
+            let squares = format!(r#"<path class="{class}" d="M0 0h9v9z"/>"#).repeat(4);
+            format!(
+                r#"<style>svg .c{} {{ mask: url(#m{level}) }}</style>
+                <mask id="m{level}">{squares}</mask>"#,
+                100 + level
+            )
+        })
+        .collect();
+    let content = format!(r#"{}<path class="c119" d="M0 0h9v9z"/>"#, masks.concat());
+    assert_refused!(read_svg(&content), DrawingError::TooLarge { .. });
+}
+
+#[test]
+fn an_svg_of_a_long_entity_used_often_is_too_large() {
+    let page = format!(
+        r#"<!DOCTYPE svg [<!ENTITY long "{}">]>
+        <svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">{}</svg>"#,
+        "h9v9".repeat(20_000),
+        r#"<path d="M0 0&long;"/>"#.repeat(5000)
     );
+    assert_refused!(read(page, DrawingFormat::Svg), DrawingError::TooLarge { .. });
 }
 
 #[test]
