@@ -9,8 +9,8 @@ use nalgebra::{DMatrix, DVector};
 /// QL sweeps allowed per eigenvalue; two suffice on average.
 const MAX_SWEEPS: usize = 60;
 
-/// Rows of the eigenvector matrix that are rotated together.
-const BLOCK: usize = 8;
+/// Partial sums of a scalar product.
+const LANES: usize = 8;
 
 /// The eigenvalues did not converge, or the matrix holds a value that is not finite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -173,8 +173,9 @@ fn sweep(d: &mut [f64], e: &mut [f64], rotations: &mut [(f64, f64)], l: usize, m
             e[m] = 0.0;
             return i + 1;
         }
-        sine = f / r;
-        cosine = g / r;
+        let inverse = r.recip();
+        sine = f * inverse;
+        cosine = g * inverse;
         let h = d[i + 1] - shift;
         let t = (d[i] - h) * sine + 2.0 * cosine * b;
         shift = sine * t;
@@ -191,39 +192,39 @@ fn sweep(d: &mut [f64], e: &mut [f64], rotations: &mut [(f64, f64)], l: usize, m
 /// Applies the rotations `first..` to the columns of the column-major matrix `q` with `n` rows,
 /// the last rotation first.
 fn rotate_columns(q: &mut [f64], n: usize, rotations: &[(f64, f64)], first: usize) {
-    if first >= rotations.len() {
-        return;
-    }
-    let whole = n - n % BLOCK;
-    for row in (0..whole).step_by(BLOCK) {
-        rotate_rows::<BLOCK>(q, n, row, rotations, first);
-    }
-    for row in whole..n {
-        rotate_rows::<1>(q, n, row, rotations, first);
+    let columns = &mut q[first * n..(rotations.len() + 1) * n];
+    let rotations = &rotations[first..];
+    let mut row = 0;
+    while row < n {
+        row += match n - row {
+            24.. => rotate_rows::<24>(columns, n, row, rotations),
+            8.. => rotate_rows::<8>(columns, n, row, rotations),
+            2.. => rotate_rows::<2>(columns, n, row, rotations),
+            _ => rotate_rows::<1>(columns, n, row, rotations),
+        };
     }
 }
 
-/// [`rotate_columns`] for `WIDTH` rows from `row`.
+/// [`rotate_columns`] for `WIDTH` rows from `row`, in registers; returns `WIDTH`.
 fn rotate_rows<const WIDTH: usize>(
-    q: &mut [f64],
+    columns: &mut [f64],
     n: usize,
     row: usize,
     rotations: &[(f64, f64)],
-    first: usize,
-) {
+) -> usize {
+    let mut columns = columns.chunks_exact_mut(n).rev().map(|column| &mut column[row..row + WIDTH]);
+    let Some(mut right) = columns.next() else { return WIDTH };
     let mut carried = [0.0; WIDTH];
-    let last = rotations.len() * n + row;
-    carried.copy_from_slice(&q[last..last + WIDTH]);
-    for (i, &(cosine, sine)) in rotations.iter().enumerate().skip(first).rev() {
-        let (left, right) = q[i * n + row..].split_at_mut(n);
-        let (left, right) = (&left[..WIDTH], &mut right[..WIDTH]);
+    carried.copy_from_slice(right);
+    for (left, &(cosine, sine)) in columns.zip(rotations.iter().rev()) {
         for lane in 0..WIDTH {
             right[lane] = sine * left[lane] + cosine * carried[lane];
             carried[lane] = cosine * left[lane] - sine * carried[lane];
         }
+        right = left;
     }
-    let start = first * n + row;
-    q[start..start + WIDTH].copy_from_slice(&carried);
+    right.copy_from_slice(&carried);
+    WIDTH
 }
 
 /// `y += factor · x`.
@@ -233,13 +234,13 @@ fn add_scaled(y: &mut [f64], factor: f64, x: &[f64]) {
     }
 }
 
-/// Scalar product, summed in `BLOCK` lanes.
+/// Scalar product, in `LANES` partial sums.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut lanes = [0.0; BLOCK];
-    let (a_chunks, b_chunks) = (a.chunks_exact(BLOCK), b.chunks_exact(BLOCK));
+    let mut lanes = [0.0; LANES];
+    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
     let tail: f64 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(a, b)| a * b).sum();
     for (a, b) in a_chunks.zip(b_chunks) {
-        for lane in 0..BLOCK {
+        for lane in 0..LANES {
             lanes[lane] += a[lane] * b[lane];
         }
     }
