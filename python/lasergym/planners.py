@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lasergym import _native
-from lasergym.errors import PositionError
+from lasergym.errors import OptionError, PositionError
 from lasergym.targets import TargetLike, as_target
 
 __all__ = ["PLANNERS", "Plan", "PlannerName", "ProgressCallback", "Score", "plan", "score"]
 
-PlannerName: TypeAlias = Literal["raster", "raster-fine", "greedy"]
-"""Names of the planners: raster scan with pitch √2 r, raster scan with pitch r, greedy."""
+PlannerName: TypeAlias = Literal["raster", "raster-fine", "greedy", "anneal", "cma-es"]
+"""Names of the planners: raster scan with pitch √2 r and r, greedy, annealing, CMA-ES."""
 
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
 """All planners, the fastest first."""
@@ -101,10 +101,16 @@ class Plan:
 
 def plan(
     target: TargetLike,
-    planner: PlannerName = "greedy",
+    planner: PlannerName = "anneal",
     *,
     max_pulses: int = 45,
     pulse_radius_px: float = 9.0,
+    seed: int = 0,
+    budget_s: float | None = None,
+    iterations: int | None = None,
+    threads: int = 1,
+    restarts: int = 1,
+    start: ArrayLike | None = None,
     forbidden: NDArray[np.bool_] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Plan:
@@ -112,11 +118,19 @@ def plan(
 
     Args:
         target: A Boolean array of shape (100, 100) or the name of a PNG, JPEG, SVG or DXF file.
-        planner: ``"raster"`` (grid of pitch √2 r), ``"raster-fine"`` (grid of pitch r) or
-            ``"greedy"`` (each pulse where it gains most, refined below the pixel).
+        planner: ``"raster"`` (grid of pitch √2 r), ``"raster-fine"`` (grid of pitch r),
+            ``"greedy"`` (each pulse where it gains most, refined below the pixel), ``"anneal"``
+            (all pulses together, the best there is) or ``"cma-es"`` (the optimiser of Xie et al.).
         max_pulses: Most pulses that may be used, from 1 to 10 000. Raster scans use as many as
             their grid has cells.
         pulse_radius_px: Radius of the disc that one pulse machines, px, in (0, 50].
+        seed: Seed of ``"anneal"`` and ``"cma-es"``, from 0 to 2⁶⁴ − 1.
+        budget_s: Time for ``"anneal"`` (default 1 s) and ``"cma-es"`` (default 60 s), s.
+        iterations: Instead of the time, the work: Metropolis moves of each restart of ``"anneal"``,
+            evaluations of ``"cma-es"``. Then the same seed gives the same plan on every machine.
+        threads: Threads for ``"anneal"`` and ``"cma-es"``.
+        restarts: Independent runs of ``"anneal"``, of which the best counts.
+        start: Pulses for ``"anneal"`` to start from, px, shape (pulses, 2); it ends no worse.
         forbidden: Pristine pixels that must stay, where the workpiece is partly machined already;
             then ``target`` is what remains, and all other pixels are free. Default: all pixels
             beside the target.
@@ -133,12 +147,24 @@ def plan(
         DrawingError: The drawing cannot be read.
     """
     remaining = as_target(target)
+    if not 0 <= seed < 2**64:
+        raise OptionError(f"seed is {seed}, but must be from 0 to 2**64 - 1")
+    if iterations is not None and iterations < 1:
+        raise OptionError(f"iterations is {iterations}, but must be at least 1")
+    settings = {
+        "planner": planner,
+        "pulse_radius_px": pulse_radius_px,
+        "max_pulses": max_pulses,
+        "seed": seed,
+        "budget_s": budget_s,
+        "iterations": iterations,
+        "threads": threads,
+        "restarts": restarts,
+        "start": None if start is None else positions(start),
+    }
     started_s = time.perf_counter()
     xy_px, reward, machined_fraction, off_target_fraction, partial = _native.plan(
-        remaining,
-        None if forbidden is None else as_target(forbidden),
-        {"planner": planner, "pulse_radius_px": pulse_radius_px, "max_pulses": max_pulses},
-        progress,
+        remaining, None if forbidden is None else as_target(forbidden), settings, progress
     )
     elapsed_s = time.perf_counter() - started_s
     figures = Score(reward, machined_fraction, off_target_fraction, len(xy_px))

@@ -1,13 +1,17 @@
 //! Planners.
 
 use std::ops::ControlFlow;
+use std::time::Duration;
 
 use lasergym_ablation::Workpiece;
-use lasergym_plan::{Greedy, Job, PlanProgress, Planner, PlannerKind, Raster, RasterPitch};
+use lasergym_plan::{
+    Anneal, AnnealBudget, AnnealOptions, Greedy, Job, PlanProgress, Planner, PlannerKind, Raster,
+    RasterPitch,
+};
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::bitmaps::{bitmap_of, positions_of};
+use crate::bitmaps::{bitmap_of, points_of, positions_of};
 use crate::errors::{ablation_error, option_error, plan_error};
 
 /// A plan: positions, shape (n, 2), px; reward; machined fraction; off-target fraction; whether it
@@ -17,22 +21,67 @@ type PlanParts<'py> = (Bound<'py, PyArray2<f64>>, f64, f64, f64, bool);
 /// Keyword arguments of a plan.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct PlanSettings {
+pub(crate) struct PlanSettings<'py> {
     planner: String,
     pulse_radius_px: f64,
     max_pulses: i64,
+    seed: u64,
+    budget_s: Option<f64>,
+    iterations: Option<u64>,
+    threads: i64,
+    restarts: i64,
+    start: Option<PyReadonlyArray2<'py, f64>>,
 }
 
-impl PlanSettings {
+impl PlanSettings<'_> {
     fn planner(&self) -> PyResult<Box<dyn Planner>> {
         let kind: PlannerKind = self.planner.parse().map_err(plan_error)?;
         Ok(match kind {
             PlannerKind::Raster => Box::new(Raster { pitch: RasterPitch::Root2Radius }),
             PlannerKind::RasterFine => Box::new(Raster { pitch: RasterPitch::Radius }),
             PlannerKind::Greedy => Box::new(Greedy::default()),
+            PlannerKind::Anneal => Box::new(Anneal { options: self.anneal_options()? }),
             other => return Err(option_error("planner", other, "one that is available")),
         })
     }
+
+    fn anneal_options(&self) -> PyResult<AnnealOptions> {
+        let budget = match (self.iterations, self.budget()?) {
+            (Some(_), Some(_)) => {
+                return Err(option_error(
+                    "budget_s",
+                    "given",
+                    "left out where iterations are given",
+                ));
+            }
+            (Some(iterations), None) => AnnealBudget::Iterations(iterations),
+            (None, Some(time)) => AnnealBudget::Time(time),
+            (None, None) => AnnealBudget::default(),
+        };
+        Ok(AnnealOptions {
+            budget,
+            seed: self.seed,
+            restarts: size("restarts", self.restarts)?,
+            threads: size("threads", self.threads)?,
+            start: self.start.as_ref().map(points_of).transpose()?,
+            ..AnnealOptions::default()
+        })
+    }
+
+    /// The time budget, where one is given.
+    fn budget(&self) -> PyResult<Option<Duration>> {
+        self.budget_s
+            .map(|seconds| {
+                Duration::try_from_secs_f64(seconds)
+                    .map_err(|_| option_error("budget_s", seconds, "above 0, in seconds"))
+            })
+            .transpose()
+    }
+}
+
+/// A count whose lower end is checked where it is used.
+fn size(name: &str, value: i64) -> PyResult<usize> {
+    usize::try_from(value).map_err(|_| option_error(name, value, "at least 1"))
 }
 
 /// Plans pulses for a target; with `forbidden`, for a workpiece that is partly machined. `progress`
@@ -42,7 +91,7 @@ pub(crate) fn plan<'py>(
     py: Python<'py>,
     remaining: PyReadonlyArray2<'_, bool>,
     forbidden: Option<PyReadonlyArray2<'_, bool>>,
-    settings: PlanSettings,
+    settings: PlanSettings<'_>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<PlanParts<'py>> {
     let remaining = bitmap_of(&remaining)?;
@@ -50,8 +99,7 @@ pub(crate) fn plan<'py>(
         Some(forbidden) => Workpiece::partly_machined(&remaining, &bitmap_of(&forbidden)?),
         None => Workpiece::new(&remaining).map_err(ablation_error)?,
     };
-    let max_pulses = usize::try_from(settings.max_pulses)
-        .map_err(|_| option_error("max_pulses", settings.max_pulses, "at least 1"))?;
+    let max_pulses = size("max_pulses", settings.max_pulses)?;
     let job = Job::new(workpiece, settings.pulse_radius_px, max_pulses).map_err(plan_error)?;
     let planner = settings.planner()?;
     let mut failure = None;
