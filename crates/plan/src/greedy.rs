@@ -6,6 +6,7 @@ use lasergym_ablation::Workpiece;
 use lasergym_geom::{Bitmap, Point, WORKPIECE_SIZE_PX};
 
 use crate::gain_map::GainMap;
+use crate::job::reward_of;
 use crate::polish::{PolishOptions, polish};
 use crate::{Job, Plan, PlanError, PlanProgress, Planner, PlannerKind};
 
@@ -71,7 +72,7 @@ impl Planner for Greedy {
             let flow = progress(&PlanProgress {
                 planner: self.kind(),
                 fraction: positions.len() as f64 / job.max_pulses() as f64,
-                best_reward: f64::from(gain_px) * lasergym_ablation::REWARD_PER_PX,
+                best_reward: reward_of(gain_px),
                 best_positions: &positions,
             });
             if flow.is_break() {

@@ -1,8 +1,6 @@
 //! What a planner is asked to do.
 
-use lasergym_ablation::{
-    Footprint, MAX_PULSE_RADIUS_PX, Pulse, PulseOutcome, REWARD_PER_PX, Score, Workpiece,
-};
+use lasergym_ablation::{Footprint, MAX_PULSE_RADIUS_PX, Pulse, PulseOutcome, Score, Workpiece};
 use lasergym_geom::{Bitmap, Point, WORKPIECE_SIZE_PX};
 
 use crate::PlanError;
@@ -112,8 +110,13 @@ impl Job {
     /// The reward that no plan can exceed: all that remains machined and nothing else.
     #[must_use]
     pub fn reward_limit(&self) -> f64 {
-        f64::from(self.target().area_px()) * REWARD_PER_PX
+        reward_of(self.target().area_px().cast_signed())
     }
+}
+
+/// The reward of hits − misses, exactly as [`PulseOutcome::reward`] has it.
+pub(crate) fn reward_of(gain_px: i32) -> f64 {
+    f64::from(gain_px) / (WORKPIECE_SIZE_PX * WORKPIECE_SIZE_PX) as f64
 }
 
 /// Accepts positions that are finite.

@@ -11,6 +11,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod anneal;
 mod cma_es;
 mod error;
 mod gain_map;
@@ -21,6 +22,7 @@ mod planner;
 mod polish;
 mod raster;
 
+pub use anneal::{Anneal, AnnealBudget, AnnealOptions, MOVES_PER_REPLACEMENT, Ramp};
 pub use cma_es::{
     Best, Bounds, CmaEs, CmaEsError, CmaEsOptions, CovarianceUpdate, MAX_GROWTHS,
     MAX_POPULATION_VALUES, Minimum, Progress, Restarts, StrategyParameters, Termination,
