@@ -1,4 +1,5 @@
-//! Geometry of the workpiece: points, bit-row bitmaps and filled outlines.
+//! Geometry of the workpiece: points, bit-row bitmaps and filled outlines; drawings (PNG, JPEG, SVG,
+//! DXF) as targets, and pictures out.
 //!
 //! The workpiece is a square of [`WORKPIECE_SIZE_PX`] × [`WORKPIECE_SIZE_PX`] pixels of
 //! [`PIXEL_UM`] µm. Pixel (row `j`, column `i`) has its centre at `(x, y) = (i + 0.5, j + 0.5)`;

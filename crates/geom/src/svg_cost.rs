@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 
 use resvg::{
-    tiny_skia::Rect,
+    tiny_skia::{PathSegment, Point, Rect},
     usvg::{Fill, Group, Node, Paint, Path, Stroke, Tree},
 };
 
@@ -15,8 +15,14 @@ use crate::{DrawingError, placement::Bounds, svg_drawing::refuse_kinds};
 /// Largest work for one rendering, painted samples. A plain page takes about two million.
 const MAX_PAINTED_SAMPLES: f64 = 2e9;
 
-/// A path segment or a dash takes about as long as painting this many samples.
-const SEGMENT_SAMPLES: f64 = 200.0;
+/// An edge or a dash takes about as long as painting this many samples, whatever its length …
+const EDGE_SAMPLES: f64 = 200.0;
+
+/// … and this many for each sample of its length.
+const LENGTH_SAMPLES: f64 = 20.0;
+
+/// A stroked edge has two sides, two ends and a join.
+const STROKE_EDGES: f64 = 4.0;
 
 /// Compositing a layer takes about as long as painting it this many times.
 const LAYER_PAINTS: f64 = 8.0;
@@ -102,8 +108,42 @@ impl Rendering {
             }
             self.samples += area;
         }
-        let segments = path.data().len() as f64;
-        self.samples += SEGMENT_SAMPLES * segments * (1.0 + dashes(path));
+        self.samples += self.edge_samples(path);
+    }
+
+    /// Work for the edges of a path, which grows with their number and their length.
+    fn edge_samples(&self, path: &Path) -> f64 {
+        let affine = path.abs_transform();
+        let stretch = f64::from(affine.sx.hypot(affine.ky).max(affine.kx.hypot(affine.sy)));
+        let scale = stretch * self.scale;
+        // What lies outside the rendering is cut off.
+        let [width, height] = self.region.size().map(|side| side * self.scale);
+        let longest = 4.0 * (width + height);
+        let (mut edges, mut length) = (0.0, 0.0);
+        let mut start = Point::zero();
+        for segment in path.data().segments() {
+            let (length_here, end) = match segment {
+                PathSegment::MoveTo(end) => (0.0, end),
+                PathSegment::LineTo(end) => (start.distance(end), end),
+                PathSegment::QuadTo(a, end) => (start.distance(a) + a.distance(end), end),
+                PathSegment::CubicTo(a, b, end) => {
+                    (start.distance(a) + a.distance(b) + b.distance(end), end)
+                }
+                PathSegment::Close => (0.0, start),
+            };
+            edges += 1.0;
+            length += (f64::from(length_here) * scale).min(longest);
+            start = end;
+        }
+        let mut work = EDGE_SAMPLES * edges + LENGTH_SAMPLES * length;
+        if let Some(stroke) = path.stroke() {
+            work *= STROKE_EDGES;
+            if let Some(dashes) = stroke.dasharray() {
+                let period = f64::from(dashes.iter().sum::<f32>()) * scale;
+                work += STROKE_EDGES * EDGE_SAMPLES * dashes.len() as f64 * length / period;
+            }
+        }
+        work
     }
 
     /// Samples of the rendering inside `bounds`, page units.
@@ -113,16 +153,4 @@ impl Rendering {
         let height = f64::from(bounds.bottom()).min(max[1]) - f64::from(bounds.top()).max(min[1]);
         width.max(0.0) * height.max(0.0) * self.scale * self.scale
     }
-}
-
-/// Number of dashes of the stroke to each segment of its path, from above.
-fn dashes(path: &Path) -> f64 {
-    let Some(dash_lengths) = path.stroke().and_then(Stroke::dasharray) else {
-        return 0.0;
-    };
-    let period: f32 = dash_lengths.iter().sum();
-    let bounds = path.data().bounds();
-    // A segment within the bounds of its control points is at most three diagonals long.
-    let length = 3.0 * bounds.width().hypot(bounds.height());
-    f64::from(length / period) * dash_lengths.len() as f64
 }

@@ -15,6 +15,9 @@ const MAX_EXPANDED_BYTES: u64 = 32 << 20;
 /// An element without attributes counts as this many bytes.
 const ELEMENT_BYTES: u64 = 64;
 
+/// A character of text counts as this many bytes: it takes a font, and becomes an outline.
+const CHARACTER_BYTES: u64 = 4096;
+
 /// Refuses document types with more than plain entities, and entities that expand to more than
 /// [`MAX_EXPANDED_BYTES`].
 pub(crate) fn check_entities(svg: &str) -> Result<(), DrawingError> {
@@ -93,6 +96,11 @@ impl<'a, 'input> Expansion<'a, 'input> {
             return 0;
         }
         let mut bytes = ELEMENT_BYTES + node.text().map_or(0, |text| text.len() as u64);
+        if node.tag_name().name() == "text" {
+            let texts = node.descendants().filter(roxmltree::Node::is_text);
+            let characters: usize = texts.filter_map(|text| text.text()).map(str::len).sum();
+            bytes = bytes.saturating_add(CHARACTER_BYTES.saturating_mul(characters as u64));
+        }
         let mut ids = Vec::new();
         for attribute in node.attributes() {
             bytes = bytes.saturating_add(attribute.value().len() as u64);

@@ -347,6 +347,19 @@ fn an_svg_of_masks_in_masks_by_style_sheet_is_too_large() {
 }
 
 #[test]
+fn an_svg_of_endless_text_is_too_large() {
+    let text = format!(r#"<text y="50" font-size="9">{}</text>"#, "to and fro ".repeat(9000));
+    assert_refused!(read_svg(&text), DrawingError::TooLarge { .. });
+}
+
+#[test]
+fn an_svg_path_of_countless_edges_is_too_large() {
+    let edges =
+        format!(r#"<path stroke="black" d="M0 0{}"/>"#, "L1 99 99 3 2 98 97 1".repeat(30_000));
+    assert_refused!(read_svg(&edges), DrawingError::TooLarge { .. });
+}
+
+#[test]
 fn an_svg_of_a_long_entity_used_often_is_too_large() {
     let page = format!(
         r#"<!DOCTYPE svg [<!ENTITY long "{}">]>
