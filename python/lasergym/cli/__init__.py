@@ -1,1 +1,5 @@
-"""The command line."""
+"""The command line: ``lasergym COMMAND …``, data on stdout, everything else on stderr."""
+
+from lasergym.cli.app import main
+
+__all__ = ["main"]

@@ -1,0 +1,187 @@
+"""``lasergym compare``: planners side by side, Table 1 of Xie et al. (2022)."""
+
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import typer
+
+from lasergym.cli.output import note, print_data, print_json, progress_bar, table
+from lasergym.comparison import CompareOptions, Comparison, Progress, PulseBudget
+from lasergym.comparison import compare as run_comparison
+from lasergym.comparison.columns import DEFAULT_PLANNERS
+from lasergym.comparison.tasks import TaskName
+from lasergym.errors import OptionError
+
+__all__ = ["compare"]
+
+_WORK = "Work"
+_EFFORT = "Planners"
+
+
+def _option(*names: str, help: str, panel: str | None = None) -> Any:  # noqa: A002
+    return typer.Option(*names, help=help, rich_help_panel=panel)
+
+
+def compare(
+    folders: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[DIR]...", help="Folders of drawings for the task folder."),
+    ] = None,
+    task: Annotated[
+        list[str] | None,
+        _option(
+            "--task",
+            help="star, rotated-star, random-shapes, or folder DIR; may be repeated. "
+            "Default: star, or the folders where given.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path, _option("-o", "--output", help="Folder for results, tables and pictures.")
+    ] = Path("comparison"),
+    angles: Annotated[
+        int, _option("--angles", help="Angles of the rotated star, from 1 to 360.")
+    ] = 360,
+    shapes: Annotated[
+        int, _option("--shapes", help="Random shapes in each of the 7 area classes.")
+    ] = 100,
+    max_pulses: Annotated[
+        str | None,
+        _option(
+            "--max-pulses",
+            help="Pulse budget, like 45 or area/125. Default: 45, random shapes area/125.",
+        ),
+    ] = None,
+    planners: Annotated[
+        str, _option("--planners", help="Columns, separated by commas.", panel=_EFFORT)
+    ] = ",".join(DEFAULT_PLANNERS),
+    anneal_s: Annotated[
+        float, _option("--anneal-s", help="Time of anneal on a target, s.", panel=_EFFORT)
+    ] = 1.0,
+    cma_es_s: Annotated[
+        float, _option("--cma-es-s", help="Time of CMA-ES on a target, s.", panel=_EFFORT)
+    ] = 60.0,
+    anneal_iterations: Annotated[
+        int | None,
+        _option("--anneal-iterations", help="Moves of anneal instead of its time.", panel=_EFFORT),
+    ] = None,
+    cma_es_iterations: Annotated[
+        int | None,
+        _option(
+            "--cma-es-iterations", help="Evaluations of CMA-ES instead of its time.", panel=_EFFORT
+        ),
+    ] = None,
+    seed: Annotated[
+        int, _option("--seed", help="Every item's seed derives from it.", panel=_EFFORT)
+    ] = 0,
+    jobs: Annotated[
+        int | None,
+        _option("--jobs", help="Worker processes; default: one per processor.", panel=_WORK),
+    ] = None,
+    ray: Annotated[
+        str | None,
+        _option(
+            "--ray",
+            help="Let a Ray cluster do the work: local (start one here), auto or its address.",
+            panel=_WORK,
+        ),
+    ] = None,
+    pictures: Annotated[
+        bool, _option("--pictures/--no-pictures", help="Draw pictures (needs Matplotlib).")
+    ] = True,
+    show: Annotated[
+        list[str] | None,
+        _option("--show", help="Target whose trajectories are drawn; may be repeated."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the table as JSON.")] = False,
+) -> None:
+    """Compare planners target by target, as Table 1 of Xie et al. (2022) does.
+
+    Results are written as they come: the same command goes on where it was stopped.
+    """
+    if output.suffix.lower() in (".json", ".csv", ".md"):
+        raise OptionError(f"{output} looks like a file, but -o takes a folder")
+    given = tuple(folders or ())
+    tasks = tuple(task or (() if given else ("star",)))
+    if given and "folder" not in tasks:
+        tasks = (*tasks, "folder")
+    options = CompareOptions(
+        tasks=cast("tuple[TaskName, ...]", tasks),
+        folders=given,
+        angles=angles,
+        shapes=shapes,
+        planners=tuple(name.strip() for name in planners.split(",")),
+        max_pulses=None if max_pulses is None else PulseBudget.parse(max_pulses),
+        anneal_s=anneal_s,
+        cma_es_s=cma_es_s,
+        anneal_iterations=anneal_iterations,
+        cma_es_iterations=cma_es_iterations,
+        seed=seed,
+    )
+    last = Progress(0, 0, None)
+    with progress_bar("comparing") as bar:
+
+        def show_progress(progress: Progress) -> None:
+            nonlocal last
+            last = progress
+            bar.show(progress.done / progress.total, _description(progress))
+
+        try:
+            comparison = run_comparison(
+                options,
+                output,
+                jobs=jobs,
+                ray_address=ray,
+                pictures=pictures,
+                shown=tuple(show or ()),
+                progress=show_progress,
+            )
+        except KeyboardInterrupt:
+            if last.total:
+                note(
+                    f"{last.done} of {last.total} results are in {output}: "
+                    "the same command goes on from there"
+                )
+            raise
+    _print(comparison, as_json=as_json)
+    for path in comparison.files:
+        note(f"wrote {path}")
+
+
+def _print(comparison: Comparison, *, as_json: bool) -> None:
+    result = comparison.table
+    if as_json:
+        print_json(result.as_dict())
+        return
+    for group in result.groups:
+        if group.whole_task:
+            title = f"{group.name} ({group.targets})"
+            print_data(_aligned(title, ("", *result.titles()), result.rows_of(group)))
+            print_data("")
+    for matrix in result.matrices():
+        title = f"{matrix.task}: targets on which the row is at least as good as the column"
+        print_data(_aligned(title, ("", *result.titles()), matrix.rows()))
+        print_data("")
+
+
+def _aligned(title: str, header: tuple[str, ...], rows: Any) -> Any:
+    made = table(*header)
+    made.title = title
+    made.title_justify = "left"
+    for cells in rows:
+        made.add_row(*cells)
+    return made
+
+
+def _description(progress: Progress) -> str:
+    counted = f"comparing: {progress.done} of {progress.total}"
+    if progress.remaining_s is None:
+        return counted
+    return f"{counted}, {_rounded(progress.remaining_s)} left"
+
+
+def _rounded(time_s: float) -> str:
+    if time_s < 90:
+        return f"{time_s:.0f} s"
+    if time_s < 5400:
+        return f"{time_s / 60:.0f} min"
+    return f"{time_s / 3600:.1f} h"
