@@ -57,7 +57,7 @@ impl Border {
         loop {
             self.0[corner] &= !(1 << direction);
             let (columns, rows) = STEPS[direction];
-            corner = corner.wrapping_add_signed(rows * CORNERS as isize + columns);
+            corner = corner.wrapping_add_signed(rows * CORNERS.cast_signed() + columns);
             // The right turn first keeps pixels apart that touch at a corner only.
             let turns = [1, 0, 3].map(|turn| (direction + turn) % 4);
             let next = turns.into_iter().find(|&turn| self.leaves(corner, turn));
@@ -83,7 +83,7 @@ mod tests {
             j >= 0 && i >= 0 && bitmap.contains(j.unsigned_abs(), i.unsigned_abs())
         };
         let neighbours = |(j, i): (usize, usize)| {
-            let (j, i) = (j as isize, i as isize);
+            let (j, i) = (j.cast_signed(), i.cast_signed());
             [(j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)]
         };
         bitmap.pixels().flat_map(neighbours).filter(|&(j, i)| !inside(j, i)).count()
@@ -98,8 +98,10 @@ mod tests {
                 let start = outline[(k + outline.len() - 1) % outline.len()];
                 let after = outline[(k + 1) % outline.len()];
                 // Every edge is axis-parallel and every vertex a corner.
-                assert!((start.x == end.x) != (start.y == end.y));
-                assert!((start.x == end.x) == (end.y == after.y));
+                let vertical = |from: Point, to: Point| (from.x - to.x).abs() < 0.5;
+                let horizontal = |from: Point, to: Point| (from.y - to.y).abs() < 0.5;
+                assert!(vertical(start, end) != horizontal(start, end));
+                assert!(vertical(start, end) == horizontal(end, after));
                 length += start.distance(end);
             }
         }

@@ -78,10 +78,9 @@ pub struct OverlayOptions {
     /// Whether every pulse carries its number; beyond some 50 pulses the numbers overlap. Default
     /// false.
     pub order_numbers: bool,
-    /// Whether the colour bar of the order and the key of the colours are drawn. Default true.
+    /// Whether the colour bar of the order, the key of the colours and a scale bar of 20 µm are drawn
+    /// beside and below the workpiece. Default true.
     pub legend: bool,
-    /// Whether a bar of 20 µm is drawn below the workpiece. Default true.
-    pub scale_bar: bool,
     /// Whether anything is written: order numbers, legend, scale and caption. Off for a renderer
     /// without fonts. Default true.
     pub labels: bool,
@@ -91,14 +90,7 @@ pub struct OverlayOptions {
 
 impl Default for OverlayOptions {
     fn default() -> Self {
-        Self {
-            width_px: 800,
-            order_numbers: false,
-            legend: true,
-            scale_bar: true,
-            labels: true,
-            caption: None,
-        }
+        Self { width_px: 800, order_numbers: false, legend: true, labels: true, caption: None }
     }
 }
 
@@ -117,7 +109,7 @@ pub fn trajectory_svg(trajectory: &Trajectory, options: &OverlayOptions) -> Stri
         (true, false) => MARGIN + 5.5,
         (true, true) => MARGIN + 13.5,
     };
-    let row = if options.legend || options.scale_bar { ROW } else { MARGIN };
+    let row = if options.legend { ROW } else { MARGIN };
     let (width, height) = (MARGIN + size + side, top + size + row);
     let height_px = (f64::from(options.width_px) * height / width).round();
     let mut svg = format!(
@@ -136,10 +128,8 @@ pub fn trajectory_svg(trajectory: &Trajectory, options: &OverlayOptions) -> Stri
     }
     line(&mut svg, &format!("<g transform=\"translate({MARGIN} {top})\">"));
     draw_workpiece(&mut svg, trajectory, options);
-    if options.scale_bar {
-        draw_scale_bar(&mut svg, options.labels);
-    }
     if options.legend {
+        draw_scale_bar(&mut svg, options.labels);
         draw_order_bar(&mut svg, trajectory.pulses.len(), options.labels);
         if options.labels {
             draw_key(&mut svg);
@@ -251,20 +241,20 @@ fn draw_scale_bar(svg: &mut String, labels: bool) {
 
 /// The colours of the order right of the workpiece, the first pulse at the top.
 fn draw_order_bar(svg: &mut String, pulses: usize, labels: bool) {
-    const STEPS: usize = 50;
+    const STOPS: usize = 16;
     let (left, size) = (WORKPIECE_SIZE_PX as f64 + 2.5, WORKPIECE_SIZE_PX as f64);
-    let step = size / STEPS as f64;
-    for k in 0..STEPS {
-        let color = order_color((k as f64 + 0.5) / STEPS as f64);
-        // A little overlap hides the seams.
-        let (y, height) = (k as f64 * step, (step + 0.2).min(size - k as f64 * step));
-        line(
-            svg,
-            &format!(
-                "<rect x=\"{left}\" y=\"{y}\" width=\"3\" height=\"{height}\" fill=\"{color}\"/>"
-            ),
-        );
+    line(svg, "<linearGradient id=\"order\" x2=\"0\" y2=\"1\">");
+    for k in 0..=STOPS {
+        let t = k as f64 / STOPS as f64;
+        line(svg, &format!("<stop offset=\"{t}\" stop-color=\"{}\"/>", order_color(t)));
     }
+    line(
+        svg,
+        &format!(
+            "</linearGradient>\n<rect x=\"{left}\" width=\"3\" height=\"{size}\" \
+             fill=\"url(#order)\"/>"
+        ),
+    );
     if !labels {
         return;
     }
@@ -285,13 +275,13 @@ fn draw_order_bar(svg: &mut String, pulses: usize, labels: bool) {
 fn draw_key(svg: &mut String) {
     let (y, baseline) = (WORKPIECE_SIZE_PX as f64 + 4.0, WORKPIECE_SIZE_PX as f64 + 5.3);
     let top = y - 1.5;
-    line(svg, &format!("<rect x=\"43\" y=\"{top}\" width=\"4\" height=\"3\" fill=\"{TARGET}\"/>"));
-    line(svg, &format!("<text x=\"48.5\" y=\"{baseline}\">target</text>"));
+    line(svg, &format!("<rect x=\"39\" y=\"{top}\" width=\"4\" height=\"3\" fill=\"{TARGET}\"/>"));
+    line(svg, &format!("<text x=\"44.5\" y=\"{baseline}\">target</text>"));
     let stroke = format!("stroke=\"{MACHINED}\" stroke-width=\"0.9\"");
-    line(svg, &format!("<path d=\"M62.5 {y}h4.5\" {stroke}/>"));
-    line(svg, &format!("<text x=\"68.5\" y=\"{baseline}\">machined</text>"));
-    line(svg, &format!("<circle cx=\"88.5\" cy=\"{y}\" r=\"1.15\" fill=\"{PULSE}\"/>"));
-    line(svg, &format!("<text x=\"91\" y=\"{baseline}\">pulse</text>"));
+    line(svg, &format!("<path d=\"M60 {y}h4.5\" {stroke}/>"));
+    line(svg, &format!("<text x=\"66\" y=\"{baseline}\">machined</text>"));
+    line(svg, &format!("<circle cx=\"88.3\" cy=\"{y}\" r=\"1.15\" fill=\"{PULSE}\"/>"));
+    line(svg, &format!("<text x=\"90.6\" y=\"{baseline}\">pulse</text>"));
 }
 
 /// The border of a bitmap as path data: corners joined by horizontal and vertical lines.
@@ -303,7 +293,7 @@ fn target_path(target: &Bitmap) -> String {
         // Writing to a String cannot fail.
         let _ = write!(path, "M{} {}", from.x, from.y);
         for corner in corners {
-            let _ = if from.y == corner.y {
+            let _ = if (from.y - corner.y).abs() < 0.5 {
                 write!(path, "H{}", corner.x)
             } else {
                 write!(path, "V{}", corner.y)
@@ -376,12 +366,7 @@ mod tests {
     }
 
     fn plain() -> OverlayOptions {
-        OverlayOptions {
-            legend: false,
-            scale_bar: false,
-            labels: false,
-            ..OverlayOptions::default()
-        }
+        OverlayOptions { legend: false, labels: false, ..OverlayOptions::default() }
     }
 
     /// Colour at a workpiece position of a plain picture rendered at 10 screen pixels per pixel.
