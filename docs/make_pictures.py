@@ -1,0 +1,77 @@
+"""Draws the pictures of these pages: ``python docs/make_pictures.py``.
+
+Writes ``docs/pictures/*.png`` and prints the score of each plan. Needs Pillow.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+import lasergym
+from lasergym import targets
+from lasergym.render import render_trajectory
+
+HERE = Path(__file__).resolve().parent
+PICTURES = HERE / "pictures"
+THUMBS_UP = HERE.parent / "tests" / "assets" / "thumbs_up.svg"
+
+WIDTH_PX = 480
+TILE_PX = 210
+GAP_PX = 8
+COLORS = 64
+
+
+def draw_plan(name: str, target: targets.Target) -> None:
+    """Writes ``name.png``: the greedy plan of ``target`` with legend and score."""
+    plan = lasergym.plan(target, "greedy", max_pulses=45)
+    caption = (
+        f"{plan.pulses} pulses, {plan.machined_fraction:.1%} machined, "
+        f"{plan.off_target_fraction:.1%} off target"
+    )
+    picture = render_trajectory(target, plan, width_px=WIDTH_PX, caption=caption)
+    write_png(picture, PICTURES / f"{name}.png")
+    print(f"{name}: {caption}, reward {plan.reward:.4f}")
+
+
+def draw_random_shapes(name: str, seeds: range, columns: int) -> None:
+    """Writes ``name.png``: random shapes with their greedy plans, side by side."""
+    tiles = []
+    for seed in seeds:
+        target = targets.random_shape(seed)
+        plan = lasergym.plan(target, "greedy", max_pulses=45)
+        tiles.append(render_trajectory(target, plan, width_px=TILE_PX, legend=False))
+        print(f"{name}, seed {seed}: {plan.pulses} pulses, reward {plan.reward:.4f}")
+    write_png(mosaic(tiles, columns), PICTURES / f"{name}.png")
+
+
+def mosaic(tiles: list[NDArray[np.uint8]], columns: int) -> NDArray[np.uint8]:
+    """Tiles of equal size, uint8 of shape (height, width, 3), on white, row by row."""
+    height, width, _ = tiles[0].shape
+    rows = -(-len(tiles) // columns)
+    shape = (rows * (height + GAP_PX) - GAP_PX, columns * (width + GAP_PX) - GAP_PX, 3)
+    sheet = np.full(shape, 255, np.uint8)
+    for k, tile in enumerate(tiles):
+        top, left = (k // columns) * (height + GAP_PX), (k % columns) * (width + GAP_PX)
+        sheet[top : top + height, left : left + width] = tile
+    return sheet
+
+
+def write_png(picture: NDArray[np.uint8], path: Path) -> None:
+    """Writes a picture, uint8 of shape (height, width, 3), with a palette to keep it small."""
+    Image.fromarray(picture).quantize(COLORS).save(path, optimize=True)
+
+
+def main() -> None:
+    """Draws all pictures."""
+    PICTURES.mkdir(exist_ok=True)
+    draw_plan("star", targets.star())
+    draw_plan("thumbs_up", targets.load(THUMBS_UP))
+    draw_random_shapes("random_shapes", range(6), columns=3)
+
+
+if __name__ == "__main__":
+    main()
