@@ -1,9 +1,11 @@
 """``lasergym compare``: planners side by side, Table 1 of Xie et al. (2022)."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
+from rich.table import Table
 
 from lasergym.cli.output import note, print_data, print_json, progress_bar, table
 from lasergym.comparison import CompareOptions, Comparison, Progress, PulseBudget
@@ -152,21 +154,22 @@ def _print(comparison: Comparison, *, as_json: bool) -> None:
     if as_json:
         print_json(result.as_dict())
         return
+    header = ("", *result.titles())
     for group in result.groups:
         if group.whole_task:
-            title = f"{group.name} ({group.targets})"
-            print_data(_aligned(title, ("", *result.titles()), result.rows_of(group)))
+            print_data(f"{group.name} ({group.targets})")
+            # The spread goes below the mean, so that five columns fit 80 characters.
+            cells = ([cell.replace(" ± ", "\n± ") for cell in row] for row in result.rows_of(group))
+            print_data(_aligned(header, cells))
             print_data("")
     for matrix in result.matrices():
-        title = f"{matrix.task}: targets on which the row is at least as good as the column"
-        print_data(_aligned(title, ("", *result.titles()), matrix.rows()))
+        print_data(f"{matrix.task}: targets on which the row is at least as good as the column")
+        print_data(_aligned(header, matrix.rows()))
         print_data("")
 
 
-def _aligned(title: str, header: tuple[str, ...], rows: Any) -> Any:
+def _aligned(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     made = table(*header)
-    made.title = title
-    made.title_justify = "left"
     for cells in rows:
         made.add_row(*cells)
     return made
