@@ -88,6 +88,16 @@ pub enum PlanError {
         /// What the system said.
         reason: String,
     },
+    /// A job with more pulses than CMA-ES can handle.
+    #[error(
+        "CMA-ES plans at most {limit} pulses, but the job allows {max_pulses}: allow fewer or use anneal"
+    )]
+    TooManyVariables {
+        /// Pulses that the job allows.
+        max_pulses: usize,
+        /// Most that are accepted.
+        limit: usize,
+    },
     /// The optimiser of the CMA-ES planner refused its settings.
     #[error("CMA-ES: {0}")]
     CmaEs(#[from] CmaEsError),

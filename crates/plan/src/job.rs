@@ -77,17 +77,25 @@ impl Job {
         Footprint::of(Pulse { position, radius_px: self.pulse_radius_px })
     }
 
-    /// What `positions` machine together, on a copy of the workpiece.
+    /// What `positions` machine together. A pixel is machined once, so the pulses may be laid over
+    /// one another first and compared with the workpiece then.
     #[must_use]
     pub fn outcome(&self, positions: &[Point]) -> PulseOutcome {
-        let mut workpiece = self.workpiece.clone();
-        positions.iter().fold(PulseOutcome::default(), |sum, &position| {
-            let outcome = workpiece.pulse(&self.footprint(position));
-            PulseOutcome {
-                hit_px: sum.hit_px + outcome.hit_px,
-                miss_px: sum.miss_px + outcome.miss_px,
+        let mut covered = [0; WORKPIECE_SIZE_PX];
+        for &position in positions {
+            let footprint = self.footprint(position);
+            let (first_row, spans) = footprint.rows();
+            for (row, span) in covered[first_row..].iter_mut().zip(spans) {
+                *row |= span.mask();
             }
-        })
+        }
+        let area_px = |bitmap: &Bitmap| {
+            covered.iter().zip(bitmap.rows()).map(|(row, pixels)| (row & pixels).count_ones()).sum()
+        };
+        PulseOutcome {
+            hit_px: area_px(self.workpiece.remaining()),
+            miss_px: area_px(self.workpiece.forbidden()),
+        }
     }
 
     /// Judges `positions` by what they add to the workpiece: both fractions are of the target that
@@ -131,6 +139,7 @@ pub(crate) fn check_positions(positions: &[Point]) -> Result<(), PlanError> {
 mod tests {
     use super::*;
     use lasergym_ablation::star;
+    use proptest::prelude::*;
 
     fn workpiece() -> Workpiece {
         Workpiece::new(&star(0.0)).unwrap()
@@ -170,11 +179,16 @@ mod tests {
         assert!(matches!(error, PlanError::PositionNotFinite { index: 1, .. }), "{error}");
     }
 
-    #[test]
-    fn a_pristine_job_scores_as_the_process_does() {
-        let job = Job::new(workpiece(), 9.0, 45).unwrap();
-        let positions = [Point::new(50.0, 50.0), Point::new(57.3, 50.0), Point::new(1.0, 2.0)];
-        let expected = lasergym_ablation::score(&star(0.0), &positions, 9.0).unwrap();
-        assert_eq!(job.score(&positions).unwrap(), expected);
+    proptest! {
+        #[test]
+        fn a_job_scores_as_the_process_does(
+            positions in proptest::collection::vec((-10.0..110.0, -10.0..110.0), 0..60),
+            radius_px in 0.1..50.0,
+        ) {
+            let job = Job::new(workpiece(), radius_px, 45).unwrap();
+            let positions: Vec<Point> = positions.iter().map(|&(x, y)| Point::new(x, y)).collect();
+            let expected = lasergym_ablation::score(&star(0.0), &positions, radius_px).unwrap();
+            prop_assert_eq!(job.score(&positions).unwrap(), expected);
+        }
     }
 }

@@ -13,10 +13,12 @@
 
 mod anneal;
 mod cma_es;
+mod cma_es_planner;
 mod error;
 mod gain_map;
 mod greedy;
 mod job;
+mod order;
 mod plan;
 mod planner;
 mod polish;
@@ -28,10 +30,12 @@ pub use cma_es::{
     MAX_POPULATION_VALUES, Minimum, Progress, Restarts, StrategyParameters, Termination,
     Tolerances, minimise, minimise_population,
 };
+pub use cma_es_planner::{CmaEsBudget, CmaEsPlanner, MAX_CMA_ES_PULSES};
 pub use error::PlanError;
 pub use gain_map::GainMap;
 pub use greedy::{Greedy, RING_WIDTH_PX};
 pub use job::{Job, MAX_JOB_PULSES};
+pub use order::{shortest_order, travel_px};
 pub use plan::Plan;
 pub use planner::{PlanProgress, Planner, PlannerKind};
 pub use polish::{PolishOptions, polish};

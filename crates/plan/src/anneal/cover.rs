@@ -1,67 +1,36 @@
-//! How often each pixel is covered by the pulses of a plan, and what moving one of them changes.
+//! Which pulses of a plan cover what, and what moving one of them changes.
 
 use lasergym_ablation::Workpiece;
-use lasergym_geom::{Bitmap, Row, WORKPIECE_SIZE_PX};
+use lasergym_geom::Row;
 
+use super::cover_rows::CoverRows;
 use super::lattice::{LatticeDisc, Place};
-use super::window::{ROW_BYTES, Window};
-
-/// One bit for each pixel of a row, with a margin of the disc's reach on the left.
-type Bits = [u8; ROW_BYTES];
-
-/// The pixels of one row on which a change of cover shows in the reward.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Sensitive {
-    /// Target and ground covered by no pulse: what a new pulse would gain and lose.
-    bare_target: Bits,
-    bare_ground: Bits,
-    /// Target and ground covered by one pulse: what it would take along.
-    single_target: Bits,
-    single_ground: Bits,
-}
+use super::window::Window;
 
 /// Cover of the pixels by a set of pulses on the lattice.
 ///
-/// Rows and columns have a margin of the disc's reach all round, so that no pulse on the workpiece
-/// is cut off; its footprint begins at the row and column, counted with margin, of its own pixel.
+/// The rows have a margin of the disc's reach, so that a footprint begins at the row and column,
+/// counted with margin, of the pixel that its pulse lies in.
 #[derive(Debug, Clone)]
 pub(super) struct Cover<W> {
     disc: LatticeDisc<W>,
-    /// Pixels that can be gained and lost at all.
-    target: Vec<Bits>,
-    ground: Vec<Bits>,
-    sensitive: Vec<Sensitive>,
-    /// Number of pulses over each pixel in binary: digit k of row j is entry j × digits + k.
-    counts: Vec<Bits>,
-    digits: usize,
+    rows: CoverRows,
 }
 
 impl<W: Window> Cover<W> {
     /// The cover of `workpiece` by no pulse, with room for `max_pulses`.
     pub(super) fn new(workpiece: &Workpiece, radius_px: f64, max_pulses: usize) -> Self {
         let disc = LatticeDisc::new(radius_px);
-        let target = with_margin(workpiece.remaining(), disc.reach());
-        let ground = with_margin(workpiece.forbidden(), disc.reach());
-        let sensitive = target
-            .iter()
-            .zip(&ground)
-            .map(|(&bare_target, &bare_ground)| Sensitive {
-                bare_target,
-                bare_ground,
-                ..Sensitive::default()
-            })
-            .collect();
-        let digits = (usize::BITS - max_pulses.leading_zeros()) as usize;
-        let counts = vec![Bits::default(); target.len() * digits];
-        Self { disc, target, ground, sensitive, counts, digits }
+        let rows = CoverRows::new(workpiece, disc.reach(), max_pulses);
+        Self { disc, rows }
     }
 
     /// What moving a pulse from `from` to `to` adds to hits − misses, px. The two are at most
     /// [`MAX_STEP_PX`] apart along x and along y.
     #[inline]
     pub(super) fn move_gain_px(&self, from: Place, to: Place) -> i32 {
-        let change = self.change(from, to);
-        let rows = &self.sensitive[change.first_row..][..change.lost.len()];
+        let change = side_by_side(&self.disc, from, to);
+        let rows = self.rows.sensitive_from(change.first_row);
         let mut gain_px = 0;
         for ((row, &lost), &gained) in rows.iter().zip(change.lost).zip(change.gained) {
             let (lost, gained) = change.shifted(lost, gained);
@@ -73,20 +42,17 @@ impl<W: Window> Cover<W> {
         gain_px
     }
 
-    /// Moves a pulse from `from` to `to`, which are at most [`MAX_STEP_PX`] apart along x and y.
+    /// Moves a pulse from `from` to `to`, as [`Self::move_gain_px`].
     #[inline]
     pub(super) fn shift(&mut self, from: Place, to: Place) {
-        let (first_row, last_row) = span_of(from.pixel().0, to.pixel().0);
-        let rows = last_row - first_row + self.disc.rows();
-        for k in 0..rows {
-            let change = self.change(from, to);
-            let byte = change.byte;
-            let (lost, gained) = change.shifted(change.lost[k], change.gained[k]);
+        let change = side_by_side(&self.disc, from, to);
+        for (k, (&lost, &gained)) in change.lost.iter().zip(change.gained).enumerate() {
+            let (lost, gained) = change.shifted(lost, gained);
             if lost != W::EMPTY {
-                self.uncover(first_row + k, byte, lost);
+                self.rows.uncover(change.first_row + k, change.byte, lost);
             }
             if gained != W::EMPTY {
-                self.cover(first_row + k, byte, gained);
+                self.rows.cover(change.first_row + k, change.byte, gained);
             }
         }
     }
@@ -97,7 +63,7 @@ impl<W: Window> Cover<W> {
     pub(super) fn lift(&mut self, place: Place, mut bared: impl FnMut(usize, Row, Row)) -> i32 {
         self.stamp(
             place,
-            |cover, row, byte, mask| cover.uncover(row, byte, mask),
+            |rows, row, byte, mask| rows.uncover(row, byte, mask),
             |row, t, g| {
                 bared(row, t, g);
                 g.count_ones().cast_signed() - t.count_ones().cast_signed()
@@ -111,7 +77,7 @@ impl<W: Window> Cover<W> {
     pub(super) fn fire(&mut self, place: Place, mut machined: impl FnMut(usize, Row, Row)) -> i32 {
         self.stamp(
             place,
-            |cover, row, byte, mask| cover.cover(row, byte, mask),
+            |rows, row, byte, mask| rows.cover(row, byte, mask),
             |row, t, g| {
                 machined(row, t, g);
                 t.count_ones().cast_signed() - g.count_ones().cast_signed()
@@ -124,7 +90,7 @@ impl<W: Window> Cover<W> {
     fn stamp(
         &mut self,
         place: Place,
-        change: impl Fn(&mut Self, usize, usize, W) -> (W, W),
+        change: impl Fn(&mut CoverRows, usize, usize, W) -> (W, W),
         mut report: impl FnMut(usize, Row, Row) -> i32,
     ) -> i32 {
         let (first_row, column) = place.pixel();
@@ -132,9 +98,8 @@ impl<W: Window> Cover<W> {
         let reach = self.disc.reach();
         let workpiece_column = reach as i32 - 8 * byte as i32;
         let mut gain_px = 0;
-        for k in 0..self.disc.rows() {
-            let mask = self.disc.masks(place)[k] << shift;
-            let (target, ground) = change(self, first_row + k, byte, mask);
+        for (k, &mask) in self.disc.masks(place).iter().enumerate() {
+            let (target, ground) = change(&mut self.rows, first_row + k, byte, mask << shift);
             if target | ground != W::EMPTY {
                 gain_px += report(
                     first_row + k - reach,
@@ -145,80 +110,23 @@ impl<W: Window> Cover<W> {
         }
         gain_px
     }
-
-    /// Covers the pixels `mask` of a row once more and says which target and ground was bare.
-    #[inline]
-    fn cover(&mut self, row: usize, byte: usize, mask: W) -> (W, W) {
-        let mut carry = mask;
-        for digit in &mut self.counts[row * self.digits..][..self.digits] {
-            let bits = W::load(digit, byte);
-            ((bits & !carry) | (carry & !bits)).store(digit, byte);
-            carry = carry & bits;
-            if carry == W::EMPTY {
-                break;
-            }
-        }
-        let row = &mut self.sensitive[row];
-        let advance = |bare: &mut Bits, single: &mut Bits| {
-            let (b, s) = (W::load(bare, byte), W::load(single, byte));
-            (b & !mask).store(bare, byte);
-            ((s & !mask) | (b & mask)).store(single, byte);
-            b & mask
-        };
-        (
-            advance(&mut row.bare_target, &mut row.single_target),
-            advance(&mut row.bare_ground, &mut row.single_ground),
-        )
-    }
-
-    /// Covers the pixels `mask` of a row once less and says which target and ground is bare now.
-    #[inline]
-    fn uncover(&mut self, row: usize, byte: usize, mask: W) -> (W, W) {
-        let mut borrow = mask;
-        let mut single = mask;
-        for (k, digit) in self.counts[row * self.digits..][..self.digits].iter_mut().enumerate() {
-            let bits = W::load(digit, byte);
-            let left = (bits & !borrow) | (borrow & !bits);
-            left.store(digit, byte);
-            borrow = borrow & !bits;
-            single = if k == 0 { single & left } else { single & !left };
-        }
-        let retreat = |bare: &mut Bits, once: &mut Bits, all: &Bits| {
-            let (b, s) = (W::load(bare, byte), W::load(once, byte));
-            (b | (s & mask)).store(bare, byte);
-            ((s & !mask) | (single & W::load(all, byte))).store(once, byte);
-            s & mask
-        };
-        let (target, ground) = (&self.target[row], &self.ground[row]);
-        let row = &mut self.sensitive[row];
-        (
-            retreat(&mut row.bare_target, &mut row.single_target, target),
-            retreat(&mut row.bare_ground, &mut row.single_ground, ground),
-        )
-    }
-
-    /// The footprints at `from` and at `to`, side by side.
-    #[inline]
-    fn change(&self, from: Place, to: Place) -> Change<'_, W> {
-        let ((from_row, from_column), (to_row, to_column)) = (from.pixel(), to.pixel());
-        let (first_row, last_row) = span_of(from_row, to_row);
-        let rows = last_row - first_row + self.disc.rows();
-        let byte = from_column.min(to_column) / 8;
-        Change {
-            first_row,
-            byte,
-            lost: &self.disc.masks_after(from_row - first_row, from)[..rows],
-            gained: &self.disc.masks_after(to_row - first_row, to)[..rows],
-            lost_shift: (from_column - 8 * byte) as u32,
-            gained_shift: (to_column - 8 * byte) as u32,
-        }
-    }
 }
 
-/// The smaller and the larger of two.
+/// The footprints at `from` and at `to`, side by side.
 #[inline]
-fn span_of(a: usize, b: usize) -> (usize, usize) {
-    (a.min(b), a.max(b))
+fn side_by_side<W: Window>(disc: &LatticeDisc<W>, from: Place, to: Place) -> Change<'_, W> {
+    let ((from_row, from_column), (to_row, to_column)) = (from.pixel(), to.pixel());
+    let first_row = from_row.min(to_row);
+    let rows = from_row.abs_diff(to_row) + disc.rows();
+    let byte = from_column.min(to_column) / 8;
+    Change {
+        first_row,
+        byte,
+        lost: &disc.masks_after(from_row - first_row, from)[..rows],
+        gained: &disc.masks_after(to_row - first_row, to)[..rows],
+        lost_shift: (from_column - 8 * byte) as u32,
+        gained_shift: (to_column - 8 * byte) as u32,
+    }
 }
 
 /// Two footprints, row by row, and where their pixels lie in a window that shows both.
@@ -240,22 +148,12 @@ impl<W: Window> Change<'_, W> {
     }
 }
 
-/// The rows of `bitmap` with a margin of `reach` pixels all round, and one more row below, where
-/// pulses on the lower edge of the workpiece lie.
-fn with_margin(bitmap: &Bitmap, reach: usize) -> Vec<Bits> {
-    let mut rows = vec![Bits::default(); WORKPIECE_SIZE_PX + 2 * reach + 1];
-    for (row, column) in bitmap.pixels() {
-        let column = column + reach;
-        rows[row + reach][column / 8] |= 1 << (column % 8);
-    }
-    rows
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::lattice::{EDGE, MAX_STEP_PX, STEPS_PER_PX};
     use super::*;
     use lasergym_ablation::{Footprint, Pulse, star};
+    use lasergym_geom::Bitmap;
     use proptest::prelude::*;
 
     /// Hits − misses of all pulses, by the process itself.
@@ -321,8 +219,7 @@ mod tests {
         }
         prop_assert_eq!(sum_px, 0);
         let empty = Cover::<W>::new(&workpiece, radius_px, places.len());
-        prop_assert_eq!(cover.sensitive, empty.sensitive);
-        prop_assert_eq!(cover.counts, empty.counts);
+        prop_assert_eq!(cover.rows, empty.rows);
         Ok(())
     }
 

@@ -5,6 +5,7 @@
 //! et al. 1953; Kirkpatrick et al. 1983), each judged by the exact change of reward.
 
 mod cover;
+mod cover_rows;
 mod lattice;
 mod metropolis;
 mod options;
