@@ -207,11 +207,11 @@ fn move_chain(
 
 /// Exchanges two neighbouring parts of the tour at random, improves again and keeps what is
 /// shorter.
-fn kick(distances: &Distances, best: &mut Vec<usize>, fixed: usize) {
+fn kick(distances: &Distances, best: &mut [usize], fixed: usize) {
     let mut rng = Pcg64Mcg::seed_from_u64(distances.stops.len() as u64);
     let free = best.len() - fixed;
     let mut best_px = distances.length(best);
-    let mut tour = best.clone();
+    let mut tour = best.to_vec();
     for _ in 0..KICKS_PER_PULSE * best.len() {
         tour.copy_from_slice(best);
         let mut cuts: [usize; 3] = std::array::from_fn(|_| {

@@ -4,7 +4,7 @@ use lasergym_ablation::Workpiece;
 use lasergym_geom::Row;
 
 use super::cover_rows::CoverRows;
-use super::lattice::{LatticeDisc, Place};
+use super::lattice::{LatticeDisc, Place, signed};
 use super::window::Window;
 
 /// Cover of the pixels by a set of pulses on the lattice.
@@ -61,28 +61,20 @@ impl<W: Window> Cover<W> {
     /// bare now as (row, target, ground). Returns what that adds to hits − misses, px.
     #[inline]
     pub(super) fn lift(&mut self, place: Place, mut bared: impl FnMut(usize, Row, Row)) -> i32 {
-        self.stamp(
-            place,
-            |rows, row, byte, mask| rows.uncover(row, byte, mask),
-            |row, t, g| {
-                bared(row, t, g);
-                g.count_ones().cast_signed() - t.count_ones().cast_signed()
-            },
-        )
+        self.stamp(place, CoverRows::uncover, |row, t, g| {
+            bared(row, t, g);
+            g.count_ones().cast_signed() - t.count_ones().cast_signed()
+        })
     }
 
     /// Fires a pulse at `place` and reports every row of the workpiece in which pixels are not bare
     /// any more as (row, target, ground). Returns what that adds to hits − misses, px.
     #[inline]
     pub(super) fn fire(&mut self, place: Place, mut machined: impl FnMut(usize, Row, Row)) -> i32 {
-        self.stamp(
-            place,
-            |rows, row, byte, mask| rows.cover(row, byte, mask),
-            |row, t, g| {
-                machined(row, t, g);
-                t.count_ones().cast_signed() - g.count_ones().cast_signed()
-            },
-        )
+        self.stamp(place, CoverRows::cover, |row, t, g| {
+            machined(row, t, g);
+            t.count_ones().cast_signed() - g.count_ones().cast_signed()
+        })
     }
 
     /// Changes the cover row by row and sums what `report` makes of the changes.
@@ -96,7 +88,7 @@ impl<W: Window> Cover<W> {
         let (first_row, column) = place.pixel();
         let (byte, shift) = (column / 8, (column % 8) as u32);
         let reach = self.disc.reach();
-        let workpiece_column = reach as i32 - 8 * byte as i32;
+        let workpiece_column = signed(reach) - signed(8 * byte);
         let mut gain_px = 0;
         for (k, &mask) in self.disc.masks(place).iter().enumerate() {
             let (target, ground) = change(&mut self.rows, first_row + k, byte, mask << shift);
@@ -201,7 +193,7 @@ mod tests {
         }
         for &(k, to) in moves {
             let k = k % places.len();
-            let limit = (MAX_STEP_PX as i32 - 1) * STEPS_PER_PX;
+            let limit = (signed(MAX_STEP_PX) - 1) * STEPS_PER_PX;
             let near =
                 |from: i32, to: i32| (from + (to - from).clamp(-limit, limit)).clamp(0, EDGE);
             let near = Place { x: near(places[k].x, to.x), y: near(places[k].y, to.y) };

@@ -16,7 +16,12 @@ pub(super) const STEPS_PER_PX: i32 = 16;
 pub(super) const MAX_STEP_PX: usize = 8;
 
 /// Lattice coordinate of the right and of the lower edge of the workpiece.
-pub(super) const EDGE: i32 = WORKPIECE_SIZE_PX as i32 * STEPS_PER_PX;
+pub(super) const EDGE: i32 = signed(WORKPIECE_SIZE_PX) * STEPS_PER_PX;
+
+/// A number of pixels as a lattice coordinate's type; far from overflow.
+pub(super) const fn signed(pixels: usize) -> i32 {
+    (pixels as u32).cast_signed()
+}
 
 /// A pulse position, both coordinates in 0..=[`EDGE`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -34,7 +39,7 @@ impl Place {
 
     /// The centre of the pixel at (`row`, `column`).
     pub(super) fn pixel_center(row: usize, column: usize) -> Self {
-        let center = |pixel: usize| pixel as i32 * STEPS_PER_PX + STEPS_PER_PX / 2;
+        let center = |pixel: usize| signed(pixel) * STEPS_PER_PX + STEPS_PER_PX / 2;
         Self { x: center(column), y: center(row) }
     }
 

@@ -198,7 +198,7 @@ mod tests {
     fn a_cancelled_run_leaves_the_best_so_far() {
         for threads in [1, 2] {
             let mut anneal = Anneal::default();
-            anneal.options.budget = AnnealBudget::Time(Duration::from_secs(600));
+            anneal.options.budget = AnnealBudget::Time(Duration::from_secs(500));
             anneal.options = AnnealOptions { threads, restarts: threads, ..anneal.options };
             let mut reward = 0.0;
             let mut calls = 0;
