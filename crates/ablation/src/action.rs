@@ -1,5 +1,6 @@
 //! Actions and the positions they stand for.
 
+use crate::AblationError;
 use lasergym_geom::{Point, WORKPIECE_SIZE_PX};
 
 /// One action: the pulse position scaled to [−1, 1] along x and y.
@@ -14,4 +15,15 @@ const HALF_SIZE_PX: f64 = WORKPIECE_SIZE_PX as f64 / 2.0;
 pub(crate) fn position_px(action: Action) -> Point {
     let [x, y] = action.map(|a| HALF_SIZE_PX * (1.0 + f64::from(a.clamp(-1.0, 1.0))));
     Point::new(x, y)
+}
+
+/// Whether both components are finite; `environment` is the index for the error.
+#[inline]
+pub(crate) fn check_finite(action: Action, environment: usize) -> Result<(), AblationError> {
+    let [x, y] = action;
+    if x.is_finite() && y.is_finite() {
+        Ok(())
+    } else {
+        Err(AblationError::ActionNotFinite { environment, x, y })
+    }
 }

@@ -1,12 +1,10 @@
 //! Many environments stepped together, on one thread or several.
 
-use rayon::prelude::*;
-
-use crate::action::Action;
+use crate::action::{Action, check_finite};
+use crate::environment::Phase;
+use crate::share::{Episode, Share};
 use crate::{AblationError, Environment, ObservationMode, Options, Progress, Task};
-
-/// Environments that one task of a worker thread steps at least.
-const MIN_ENVIRONMENTS_PER_TASK: usize = 64;
+use lasergym_geom::Bitmap;
 
 /// What happens when an episode ends, as in `gymnasium.vector.AutoresetMode`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -79,19 +77,19 @@ pub struct StepRecord {
     pub finished: Option<EpisodeStatistics>,
 }
 
-/// One environment of a batch.
-#[derive(Debug, Clone)]
-struct Slot {
-    environment: Environment,
-    steps: u32,
-    over: bool,
-    record: StepRecord,
+impl StepRecord {
+    /// The record of a step that only reset.
+    pub(crate) fn of_reset(progress: Progress) -> Self {
+        Self { reward: 0.0, terminated: false, truncated: false, progress, finished: None }
+    }
 }
 
 /// Environments of one task that step together.
 #[derive(Debug)]
 pub struct Batch {
-    slots: Vec<Slot>,
+    environments: Vec<Environment>,
+    episodes: Vec<Episode>,
+    records: Vec<StepRecord>,
     options: BatchOptions,
     pool: Option<rayon::ThreadPool>,
 }
@@ -103,36 +101,37 @@ impl Batch {
     /// An option outside its range, a pattern that cannot be machined, threads that do not start.
     pub fn new(task: Task, process: Options, options: BatchOptions) -> Result<Self, AblationError> {
         options.validate()?;
-        let slot = Slot {
-            record: StepRecord {
-                reward: 0.0,
-                terminated: false,
-                truncated: false,
-                progress: Progress { machined_fraction: 0.0, off_target_fraction: 0.0, pulses: 0 },
-                finished: None,
-            },
-            environment: Environment::new(task, process)?,
-            steps: 0,
-            over: false,
-        };
+        let environment = Environment::new(task, process)?;
+        let record = StepRecord::of_reset(environment.progress());
         let threads = options.threads;
         let pool = (threads > 1)
             .then(|| rayon::ThreadPoolBuilder::new().num_threads(threads).build())
             .transpose()
             .map_err(|error| AblationError::Threads { threads, reason: error.to_string() })?;
-        Ok(Self { slots: vec![slot; options.environments], options, pool })
+        let count = options.environments;
+        let mut environments = vec![environment; count];
+        for (environment, seed) in environments.iter_mut().zip(0..) {
+            environment.start_stream(seed);
+        }
+        Ok(Self {
+            environments,
+            episodes: vec![Episode::default(); count],
+            records: vec![record; count],
+            options,
+            pool,
+        })
     }
 
     /// Number of environments.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.slots.len()
+        self.environments.len()
     }
 
     /// Always false: a batch has at least one environment.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.slots.is_empty()
+        self.environments.is_empty()
     }
 
     /// The settings of the batch.
@@ -144,12 +143,12 @@ impl Batch {
     /// Environment `index`.
     #[must_use]
     pub fn environment(&self, index: usize) -> Option<&Environment> {
-        self.slots.get(index).map(|slot| &slot.environment)
+        self.environments.get(index)
     }
 
     /// What the last step or reset did, one record an environment.
     pub fn records(&self) -> impl Iterator<Item = &StepRecord> {
-        self.slots.iter().map(|slot| &slot.record)
+        self.records.iter()
     }
 
     /// Begins an episode in every environment that `mask` names (all without a mask), with
@@ -163,17 +162,40 @@ impl Batch {
         mask: Option<&[bool]>,
         observations: &mut [u8],
     ) -> Result<(), AblationError> {
-        let count = self.slots.len();
+        let count = self.len();
         check_length("seeds", seeds.len(), count)?;
         check_length("reset_mask", mask.map_or(count, <[bool]>::len), count)?;
         let mode = self.options.observation;
         check_length("observations", observations.len(), count * mode.len())?;
-        self.for_each(observations, &mut [], |index, slot, observation, _| {
-            if mask.is_none_or(|mask| mask[index]) {
-                slot.begin(seeds[index], mode, observation);
-                slot.record = slot.blank_record();
-            }
-        });
+        self.share_out(observations, &mut [], |mut share| share.reset(seeds, mask));
+        Ok(())
+    }
+
+    /// Begins an episode with the given target in environment `index` and writes its observation;
+    /// its random stream goes on.
+    ///
+    /// # Errors
+    /// An index beyond the batch, observations of the wrong length, a target that is empty or full.
+    /// Nothing has happened then.
+    pub fn reset_to(
+        &mut self,
+        index: usize,
+        target: &Bitmap,
+        observations: &mut [u8],
+    ) -> Result<(), AblationError> {
+        let mode = self.options.observation;
+        check_length("observations", observations.len(), self.len() * mode.len())?;
+        let Some(environment) = self.environments.get_mut(index) else {
+            return Err(AblationError::InvalidOption {
+                name: "index",
+                value: index.to_string(),
+                expected: "below the number of environments",
+            });
+        };
+        environment.reset_to(target)?;
+        mode.write(environment, &mut observations[index * mode.len()..][..mode.len()]);
+        self.episodes[index] = Episode { phase: Phase::Running, steps: 0 };
+        self.records[index] = StepRecord::of_reset(environment.progress());
         Ok(())
     }
 
@@ -191,138 +213,44 @@ impl Batch {
         observations: &mut [u8],
         final_observations: &mut [u8],
     ) -> Result<(), AblationError> {
-        let BatchOptions { autoreset, observation: mode, max_episode_steps, .. } = self.options;
-        let count = self.slots.len();
+        let BatchOptions { autoreset, observation: mode, .. } = self.options;
+        let count = self.len();
         check_length("actions", actions.len(), count)?;
         check_length("observations", observations.len(), count * mode.len())?;
         let final_len = if autoreset == Autoreset::SameStep { count * mode.len() } else { 0 };
         check_length("final_observations", final_observations.len(), final_len)?;
-        for (index, (slot, &action)) in self.slots.iter().zip(actions).enumerate() {
-            if !(slot.over && autoreset == Autoreset::NextStep) {
-                slot.environment.check(action, index)?;
+        for (environment, (episode, &action)) in self.episodes.iter().zip(actions).enumerate() {
+            match episode.phase {
+                Phase::Running => check_finite(action, environment)?,
+                Phase::Over if autoreset == Autoreset::NextStep => (),
+                _ => return Err(AblationError::EpisodeOver { environment }),
             }
         }
-        self.for_each(observations, final_observations, |index, slot, observation, last| {
-            if slot.over && autoreset == Autoreset::NextStep {
-                slot.begin(None, mode, observation);
-                slot.record = slot.blank_record();
-                return;
-            }
-            slot.step(actions[index], mode, max_episode_steps, observation);
-            if slot.over && autoreset == Autoreset::SameStep {
-                last.copy_from_slice(observation);
-                slot.begin(None, mode, observation);
-                slot.record.progress = slot.environment.progress();
-            }
-        });
+        self.share_out(observations, final_observations, |mut share| share.step(actions));
         Ok(())
     }
 
-    /// Calls `work(index, slot, observation, final observation)` for every environment, on the
-    /// worker threads where there are several. Final observations are empty slices where none are kept.
-    fn for_each(
+    /// Calls `work` for shares that make up the batch, on the worker threads where there are
+    /// several.
+    fn share_out(
         &mut self,
         observations: &mut [u8],
         final_observations: &mut [u8],
-        work: impl Fn(usize, &mut Slot, &mut [u8], &mut [u8]) + Sync,
+        work: impl Fn(Share) + Sync,
     ) {
-        let len = self.options.observation.len();
-        let slots = &mut self.slots;
-        match &self.pool {
-            None => {
-                let mut finals = final_observations.chunks_exact_mut(len);
-                for (index, (slot, observation)) in
-                    slots.iter_mut().zip(observations.chunks_exact_mut(len)).enumerate()
-                {
-                    work(index, slot, observation, finals.next().unwrap_or_default());
-                }
-            }
-            Some(pool) => {
-                let step = MIN_ENVIRONMENTS_PER_TASK;
-                let final_step = if final_observations.is_empty() { 0 } else { len };
-                let mut rest = final_observations;
-                let finals: Vec<&mut [u8]> = slots
-                    .chunks(step)
-                    .map(|chunk| {
-                        let (head, tail) =
-                            std::mem::take(&mut rest).split_at_mut(chunk.len() * final_step);
-                        rest = tail;
-                        head
-                    })
-                    .collect();
-                pool.install(|| {
-                    slots
-                        .par_chunks_mut(step)
-                        .zip(observations.par_chunks_mut(step * len))
-                        .zip(finals)
-                        .enumerate()
-                        .for_each(|(chunk, ((slots, observations), finals))| {
-                            let mut finals = finals.chunks_exact_mut(len);
-                            for (k, (slot, observation)) in
-                                slots.iter_mut().zip(observations.chunks_exact_mut(len)).enumerate()
-                            {
-                                let last = finals.next().unwrap_or_default();
-                                work(chunk * step + k, slot, observation, last);
-                            }
-                        });
-                });
-            }
-        }
-    }
-}
-
-impl Slot {
-    /// Begins an episode and writes its observation.
-    fn begin(&mut self, seed: Option<u64>, mode: ObservationMode, observation: &mut [u8]) {
-        self.environment.reset(seed);
-        self.steps = 0;
-        self.over = false;
-        mode.write(&self.environment, observation);
-    }
-
-    /// The record of a step that only reset.
-    fn blank_record(&self) -> StepRecord {
-        StepRecord {
-            reward: 0.0,
-            terminated: false,
-            truncated: false,
-            progress: self.environment.progress(),
-            finished: None,
-        }
-    }
-
-    /// Fires one pulse and writes what changed.
-    #[inline]
-    fn step(
-        &mut self,
-        action: Action,
-        mode: ObservationMode,
-        max_episode_steps: Option<u32>,
-        observation: &mut [u8],
-    ) {
-        let step = self
-            .environment
-            .fire(action, |row, hits, misses| mode.erase(row, hits, misses, observation));
-        mode.write_budget(&self.environment, observation);
-        self.steps += 1;
-        let truncated = max_episode_steps.is_some_and(|limit| self.steps >= limit);
-        if truncated {
-            self.environment.truncate();
-        }
-        self.over = step.terminated || truncated;
-        let progress = self.environment.progress();
-        self.record = StepRecord {
-            reward: step.reward,
-            terminated: step.terminated,
-            truncated,
-            progress,
-            finished: self.over.then(|| EpisodeStatistics {
-                episode_return: self.environment.episode_return(),
-                length: self.steps,
-                progress,
-                is_success: self.environment.is_success(),
-            }),
+        let share = Share {
+            options: self.options,
+            first: 0,
+            environments: &mut self.environments,
+            episodes: &mut self.episodes,
+            records: &mut self.records,
+            observations,
+            final_observations,
         };
+        match &self.pool {
+            None => work(share),
+            Some(pool) => pool.install(|| share.divide(&work)),
+        }
     }
 }
 

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use crate::action::{Action, position_px};
+use crate::action::{Action, check_finite, position_px};
+use crate::workpiece::Changes;
 use crate::{
     AblationError, Footprint, MAX_PULSE_RADIUS_PX, Options, Pulse, PulseOutcome, Stream, Task,
     Workpiece,
 };
-use lasergym_geom::{Bitmap, Row};
+use lasergym_geom::Bitmap;
 
 /// A task with its settings, shared by all environments of a batch.
 #[derive(Debug)]
@@ -40,9 +41,17 @@ pub struct Step {
     pub pulse: Pulse,
 }
 
+/// What one pulse did to the episode.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Landing {
+    pub(crate) reward: f64,
+    pub(crate) terminated: bool,
+}
+
 /// The phase of an episode.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Phase {
+    #[default]
     NotBegun,
     Running,
     Over,
@@ -61,6 +70,7 @@ pub struct Environment {
     target_area_px: u32,
     machined: PulseOutcome,
     pulses: u32,
+    last_pulse: Option<Pulse>,
     phase: Phase,
 }
 
@@ -80,6 +90,7 @@ impl Environment {
             target_area_px: 0,
             machined: PulseOutcome::default(),
             pulses: 0,
+            last_pulse: None,
             phase: Phase::NotBegun,
         })
     }
@@ -88,7 +99,7 @@ impl Environment {
     /// the stream goes on.
     pub fn reset(&mut self, seed: Option<u64>) {
         if let Some(seed) = seed {
-            self.stream = Stream::from_seed(seed);
+            self.start_stream(seed);
         }
         if let Some(workpiece) = &self.setup.fixed {
             self.workpiece.clone_from(workpiece);
@@ -97,6 +108,11 @@ impl Environment {
             self.workpiece = Workpiece::partly_machined(&target, &target.complement());
         }
         self.begin();
+    }
+
+    /// Starts the random stream anew.
+    pub(crate) fn start_stream(&mut self, seed: u64) {
+        self.stream = Stream::from_seed(seed);
     }
 
     /// Begins an episode with the given target; the random stream goes on.
@@ -113,6 +129,7 @@ impl Environment {
         self.target_area_px = self.workpiece.remaining().area_px();
         self.machined = PulseOutcome::default();
         self.pulses = 0;
+        self.last_pulse = None;
         self.phase = Phase::Running;
     }
 
@@ -121,28 +138,20 @@ impl Environment {
     /// # Errors
     /// [`AblationError::ActionNotFinite`], [`AblationError::EpisodeOver`]; nothing has happened then.
     pub fn step(&mut self, action: Action) -> Result<Step, AblationError> {
-        self.check(action, 0)?;
-        Ok(self.fire(action, |_, _, _| ()))
-    }
-
-    /// Whether a step with `action` can be made; `environment` is the index for the error.
-    #[inline]
-    pub(crate) fn check(&self, action: Action, environment: usize) -> Result<(), AblationError> {
-        if !(action[0].is_finite() && action[1].is_finite()) {
-            return Err(AblationError::ActionNotFinite { environment, x: action[0], y: action[1] });
-        }
+        check_finite(action, 0)?;
         if self.phase != Phase::Running {
-            return Err(AblationError::EpisodeOver { environment });
+            return Err(AblationError::EpisodeOver { environment: 0 });
         }
-        Ok(())
+        let pulse = self.aim(action);
+        let Landing { reward, terminated } = self.land(&Footprint::of(pulse), &mut ());
+        Ok(Step { reward, terminated, pulse })
     }
 
-    /// Fires one pulse; every row that changed is reported as in [`Workpiece::pulse_with`].
-    ///
-    /// The caller has made sure with [`check`](Self::check) that the step can be made.
+    /// Where the pulse of `action` will land, errors included. Each pulse aimed is to
+    /// [`land`](Self::land).
     #[inline]
-    pub(crate) fn fire(&mut self, action: Action, changed: impl FnMut(usize, Row, Row)) -> Step {
-        let options = self.setup.options;
+    pub(crate) fn aim(&mut self, action: Action) -> Pulse {
+        let options = &self.setup.options;
         let mut pulse = Pulse { position: position_px(action), radius_px: options.pulse_radius_px };
         if options.pointing_error_px > 0.0 {
             pulse.position = pulse.position + self.stream.displacement(options.pointing_error_px);
@@ -152,17 +161,26 @@ impl Environment {
             pulse.radius_px =
                 (pulse.radius_px * factor).clamp(f64::MIN_POSITIVE, MAX_PULSE_RADIUS_PX);
         }
-        let outcome = self.workpiece.pulse_with(&Footprint::of(pulse), changed);
+        self.last_pulse = Some(pulse);
+        pulse
+    }
+
+    /// Machines the footprint of an aimed pulse; `changes` learns what it changes. The episode
+    /// must be running.
+    #[inline]
+    pub(crate) fn land(&mut self, footprint: &Footprint, changes: &mut impl Changes) -> Landing {
+        let outcome = self.workpiece.pulse_onto(footprint, changes);
         self.machined.hit_px += outcome.hit_px;
         self.machined.miss_px += outcome.miss_px;
         self.pulses += 1;
+        let options = &self.setup.options;
         let terminated = self.is_success()
             || self.pulses >= options.max_pulses
             || (options.stop_on_miss && outcome.hit_px == 0);
         if terminated {
             self.phase = Phase::Over;
         }
-        Step { reward: outcome.reward(), terminated, pulse }
+        Landing { reward: outcome.reward(), terminated }
     }
 
     /// Ends the episode without a further pulse, as a time limit does.
@@ -192,6 +210,12 @@ impl Environment {
     pub fn is_success(&self) -> bool {
         f64::from(self.machined.hit_px)
             >= self.setup.options.completion * f64::from(self.target_area_px.max(1))
+    }
+
+    /// The last pulse of the episode as it landed, errors included.
+    #[must_use]
+    pub fn last_pulse(&self) -> Option<Pulse> {
+        self.last_pulse
     }
 
     /// The workpiece as it is now.

@@ -24,6 +24,7 @@ mod observation;
 mod options;
 mod random_shape;
 mod score;
+mod share;
 mod star;
 mod stream;
 mod task;

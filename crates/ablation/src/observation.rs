@@ -1,7 +1,8 @@
 //! What an agent sees, written into buffers that the caller owns.
 
-use crate::{Environment, Workpiece};
-use lasergym_geom::{Bitmap, Row, WORKPIECE_SIZE_PX};
+use crate::workpiece::Changes;
+use crate::{Environment, Footprint, Workpiece};
+use lasergym_geom::{Bitmap, WORKPIECE_SIZE_PX};
 
 /// Bytes of one channel.
 const CHANNEL_LEN: usize = WORKPIECE_SIZE_PX * WORKPIECE_SIZE_PX;
@@ -74,14 +75,23 @@ impl ObservationMode {
         }
     }
 
-    /// Writes what a pulse changed in one row.
+    /// Reads every cache line that an [`Eraser`] may write, so that they are fetched
+    /// together. The sum means nothing.
     #[inline]
-    pub(crate) fn erase(self, row: usize, hits: Row, misses: Row, observation: &mut [u8]) {
-        erase_row(hits, &mut observation[row * WORKPIECE_SIZE_PX..][..WORKPIECE_SIZE_PX]);
-        if self == Self::Layers {
-            let start = CHANNEL_LEN + row * WORKPIECE_SIZE_PX;
-            erase_row(misses, &mut observation[start..][..WORKPIECE_SIZE_PX]);
+    pub(crate) fn touch(self, footprint: &Footprint, observation: &[u8]) -> u8 {
+        let (first_row, spans) = footprint.rows();
+        let columns = footprint.columns();
+        let last = columns.end.saturating_sub(1);
+        let first = columns.start.min(last);
+        let rows = first_row * WORKPIECE_SIZE_PX..(first_row + spans.len()) * WORKPIECE_SIZE_PX;
+        let channels = if self == Self::Layers { 2 } else { 1 };
+        let mut sum = 0_u8;
+        for channel in observation.chunks_exact(CHANNEL_LEN).take(channels) {
+            for row in channel[rows.clone()].as_chunks::<WORKPIECE_SIZE_PX>().0 {
+                sum = sum.wrapping_add(row[first]).wrapping_add(row[last]);
+            }
         }
+        sum
     }
 
     /// Writes the pulses left, where they are shown.
@@ -109,14 +119,60 @@ fn write_bitmap(bitmap: &Bitmap, channel: &mut [u8]) {
     }
 }
 
-/// Writes 0 from the first to the last bit of `erased`.
-///
-/// A pulse takes every set pixel of a span of columns, so all that lies between is 0 already.
-#[inline]
-fn erase_row(erased: Row, bytes: &mut [u8]) {
-    if erased != 0 {
-        let first = erased.trailing_zeros() as usize;
-        let end = (Row::BITS - erased.leading_zeros()) as usize;
-        bytes[first..end].fill(0);
+/// Words of a pulse's hits and misses, one pair a row of its footprint.
+pub(crate) type Words = [[u64; 2]; WORKPIECE_SIZE_PX];
+
+/// Writes what a pulse changes into an observation: 0 where a pixel is machined, nothing elsewhere.
+#[derive(Debug)]
+pub(crate) struct Eraser<'a> {
+    pub(crate) mode: ObservationMode,
+    /// Room for one pulse.
+    pub(crate) words: &'a mut Words,
+    pub(crate) observation: &'a mut [u8],
+}
+
+impl Changes for Eraser<'_> {
+    #[inline]
+    fn row<const FIRST: usize>(&mut self, k: usize, hits: u64, misses: u64) {
+        self.words[k] = [hits, misses];
+    }
+
+    #[inline]
+    fn end<const FIRST: usize>(&mut self, footprint: &Footprint) {
+        if footprint.columns().len() <= 24 {
+            self.erase::<FIRST, 3>(footprint);
+        } else if FIRST == 0 {
+            self.erase::<FIRST, 8>(footprint);
+        } else {
+            self.erase::<FIRST, 7>(footprint);
+        }
+    }
+}
+
+impl Eraser<'_> {
+    /// Writes 0 where the words are set, in `EIGHTS` groups of eight columns that take in the
+    /// footprint; bit 0 of the words is column `FIRST`.
+    #[inline]
+    fn erase<const FIRST: usize, const EIGHTS: usize>(&mut self, footprint: &Footprint) {
+        let (first_row, spans) = footprint.rows();
+        let words = &self.words[..spans.len()];
+        let first = footprint.columns().start.min(WORKPIECE_SIZE_PX - 8 * EIGHTS);
+        let shift = first.saturating_sub(FIRST);
+        let channels = if self.mode == ObservationMode::Layers { 2 } else { 1 };
+        let channels = self.observation.chunks_exact_mut(CHANNEL_LEN).take(channels);
+        for (k, channel) in channels.enumerate() {
+            let rows = channel.as_chunks_mut::<WORKPIECE_SIZE_PX>().0;
+            for (row, word) in rows[first_row..].iter_mut().zip(words) {
+                if word[k] == 0 {
+                    continue;
+                }
+                let mut bits = word[k] >> shift;
+                for eight in row[first..][..8 * EIGHTS].as_chunks_mut::<8>().0 {
+                    let kept = !u64::from_ne_bytes(EXPANDED[bits as usize & 255]);
+                    *eight = (u64::from_ne_bytes(*eight) & kept).to_ne_bytes();
+                    bits >>= 8;
+                }
+            }
+        }
     }
 }
