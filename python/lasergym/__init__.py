@@ -10,7 +10,7 @@ from typing import Any as _Any
 from lasergym import envs, errors, programs, render, targets
 from lasergym.cma_es import CmaEs
 from lasergym.errors import LasergymError
-from lasergym.planners import Plan, PlannerName, Score, plan, score
+from lasergym.planners import Plan, PlannerName, Score, plan, score, shortest_order
 
 __all__ = [
     "CmaEs",
@@ -24,6 +24,7 @@ __all__ = [
     "programs",
     "render",
     "score",
+    "shortest_order",
     "targets",
 ]
 

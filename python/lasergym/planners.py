@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -14,7 +14,16 @@ from lasergym import _native
 from lasergym.errors import OptionError, PositionError
 from lasergym.targets import TargetLike, as_target
 
-__all__ = ["PLANNERS", "Plan", "PlannerName", "ProgressCallback", "Score", "plan", "score"]
+__all__ = [
+    "PLANNERS",
+    "Plan",
+    "PlannerName",
+    "ProgressCallback",
+    "Score",
+    "plan",
+    "score",
+    "shortest_order",
+]
 
 PlannerName: TypeAlias = Literal["raster", "raster-fine", "greedy", "anneal", "cma-es"]
 """Names of the planners: raster scan with pitch √2 r and r, greedy, annealing, CMA-ES."""
@@ -87,6 +96,10 @@ class Plan:
         """Number of pulses."""
         return self.score.pulses
 
+    def ordered(self, start_px: tuple[float, float] | None = None) -> Plan:
+        """The same pulses in the order of shortest travel; see :func:`shortest_order`."""
+        return replace(self, xy_px=self.xy_px[shortest_order(self.xy_px, start_px)])
+
     def as_dict(self) -> dict[str, Any]:
         """The plan as a JSON report holds it."""
         return {
@@ -125,7 +138,7 @@ def plan(
             their grid has cells.
         pulse_radius_px: Radius of the disc that one pulse machines, px, in (0, 50].
         seed: Seed of ``"anneal"`` and ``"cma-es"``, from 0 to 2⁶⁴ − 1.
-        budget_s: Time for ``"anneal"`` (default 1 s) and ``"cma-es"`` (default 60 s), s.
+        budget_s: Time for ``"anneal"`` (default 1 s) and ``"cma-es"`` (default 30 s), s.
         iterations: Instead of the time, the work: Metropolis moves of each restart of ``"anneal"``,
             evaluations of ``"cma-es"``. Then the same seed gives the same plan on every machine.
         threads: Threads for ``"anneal"`` and ``"cma-es"``.
@@ -187,6 +200,23 @@ def score(target: TargetLike, xy_px: ArrayLike, pulse_radius_px: float = 9.0) ->
         TargetError, OptionError: As for :func:`plan`.
     """
     return Score(*_native.score(as_target(target), positions(xy_px), pulse_radius_px))
+
+
+def shortest_order(
+    xy_px: ArrayLike, start_px: tuple[float, float] | None = None
+) -> NDArray[np.int64]:
+    """The order in which firing the pulses takes the shortest travel.
+
+    What pulses machine does not depend on their order; the time of the stage does.
+
+    Args:
+        xy_px: Centres of the pulses, px; shape (pulses, 2).
+        start_px: Where the stage comes from, (x, y), px; by default it starts at the first pulse.
+
+    Returns:
+        Indices into the pulses, shape (pulses,): ``xy_px[order]`` is the tour, which is open.
+    """
+    return _native.shortest_order(positions(xy_px), start_px)
 
 
 def positions(xy_px: ArrayLike) -> NDArray[np.float64]:

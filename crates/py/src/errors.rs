@@ -83,6 +83,7 @@ pub(crate) fn plan_error(error: PlanError) -> PyErr {
         | PlanError::NoPulses
         | PlanError::TooManyPulses { .. }
         | PlanError::PulseRadius { .. }
+        | PlanError::TooManyVariables { .. }
         | PlanError::UnknownPlanner { .. } => "OptionError",
         PlanError::NothingRemains => "EmptyTargetError",
         PlanError::PositionNotFinite { .. } => "PositionError",

@@ -26,7 +26,7 @@ mod _native {
     #[pymodule_export]
     use crate::pictures::NativeTrajectoryPicture;
     #[pymodule_export]
-    use crate::planners::plan;
+    use crate::planners::{plan, shortest_order};
     #[pymodule_export]
     use crate::programs::{read_csv, read_gcode, travel, write_csv, write_gcode};
     #[pymodule_export]

@@ -49,7 +49,6 @@ impl NativeTrajectoryPicture {
             width_px,
             order_numbers,
             legend,
-            scale_bar: legend,
             labels: legend || order_numbers || caption.is_some(),
             caption,
         };

@@ -4,11 +4,13 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 use lasergym_ablation::Workpiece;
+use lasergym_geom::Point;
 use lasergym_plan::{
-    Anneal, AnnealBudget, AnnealOptions, Greedy, Job, PlanProgress, Planner, PlannerKind, Raster,
-    RasterPitch,
+    Anneal, AnnealBudget, AnnealOptions, CmaEsBudget, CmaEsPlanner, Greedy, Job, PlanProgress,
+    Planner, PlannerKind, Raster, RasterPitch, shortest_order as order_by_travel,
 };
-use numpy::{PyArray2, PyReadonlyArray2};
+use numpy::ndarray::Array1;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use crate::bitmaps::{bitmap_of, points_of, positions_of};
@@ -41,8 +43,24 @@ impl PlanSettings<'_> {
             PlannerKind::RasterFine => Box::new(Raster { pitch: RasterPitch::Radius }),
             PlannerKind::Greedy => Box::new(Greedy::default()),
             PlannerKind::Anneal => Box::new(Anneal { options: self.anneal_options()? }),
-            other => return Err(option_error("planner", other, "one that is available")),
+            PlannerKind::CmaEs => Box::new(self.cma_es()?),
+            other => return Err(option_error("planner", other, "one of those above")),
         })
+    }
+
+    fn cma_es(&self) -> PyResult<CmaEsPlanner> {
+        let default = CmaEsPlanner::default();
+        let budget = match (self.iterations, self.budget()?) {
+            (Some(_), Some(_)) => return Err(two_budgets()),
+            (Some(evaluations), None) => CmaEsBudget::Evaluations(
+                usize::try_from(evaluations)
+                    .map_err(|_| option_error("iterations", evaluations, "smaller"))?,
+            ),
+            (None, Some(time)) => CmaEsBudget::Time(time),
+            (None, None) => default.budget,
+        };
+        let threads = size("threads", self.threads)?;
+        Ok(CmaEsPlanner { budget, seed: self.seed, threads, ..default })
     }
 
     fn anneal_options(&self) -> PyResult<AnnealOptions> {
@@ -77,6 +95,11 @@ impl PlanSettings<'_> {
             })
             .transpose()
     }
+}
+
+/// The error of a plan with a time budget and a number of iterations.
+fn two_budgets() -> PyErr {
+    option_error("budget_s", "given", "left out where iterations are given")
 }
 
 /// A count whose lower end is checked where it is used.
@@ -138,4 +161,17 @@ fn stop_wanted(
     }
     let Some(progress) = progress else { return Ok(false) };
     progress.bind(py).call1((now.fraction, now.best_reward))?.is_truthy()
+}
+
+/// The order in which firing `xy_px` takes the shortest travel: indices, shape (n,).
+#[pyfunction]
+pub(crate) fn shortest_order<'py>(
+    py: Python<'py>,
+    xy_px: PyReadonlyArray2<'_, f64>,
+    start_px: Option<(f64, f64)>,
+) -> PyResult<Bound<'py, PyArray1<i64>>> {
+    let positions = points_of(&xy_px)?;
+    let start = start_px.map(|(x, y)| Point::new(x, y));
+    let order = py.detach(|| order_by_travel(&positions, start)).map_err(plan_error)?;
+    Ok(order.into_iter().map(|index| index as i64).collect::<Array1<i64>>().into_pyarray(py))
 }

@@ -138,12 +138,8 @@ def compare(
                 progress=show_progress,
             )
         except KeyboardInterrupt:
-            if last.total:
-                note(
-                    f"{last.done} of {last.total} results are in {output}: "
-                    "the same command goes on from there"
-                )
-            raise
+            note(_interruption(last, output))
+            raise typer.Exit(1) from None
     _print(comparison, as_json=as_json)
     for path in comparison.files:
         note(f"wrote {path}")
@@ -173,6 +169,15 @@ def _aligned(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     for cells in rows:
         made.add_row(*cells)
     return made
+
+
+def _interruption(progress: Progress, output: Path) -> str:
+    if progress.total == 0:
+        return "interrupted"
+    return (
+        f"interrupted: {progress.done} of {progress.total} results are in {output}, "
+        "and the same command goes on from there"
+    )
 
 
 def _description(progress: Progress) -> str:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from importlib import import_module
 from itertools import islice
 from typing import Any, Protocol
@@ -55,8 +56,9 @@ def run_local(items: Sequence[WorkItem], jobs: int) -> Iterator[Row]:
         waiting = iter(items)
         running: set[Future[Row | None]] = set()
         while True:
-            for item in islice(waiting, _IN_FLIGHT * jobs - len(running)):
-                running.add(pool.submit(_run_in_worker, item))
+            with _interrupts_later():
+                for item in islice(waiting, _IN_FLIGHT * jobs - len(running)):
+                    running.add(pool.submit(_run_in_worker, item))
             if not running:
                 return
             done, running = wait(running, return_when=FIRST_COMPLETED)
@@ -122,6 +124,19 @@ def _finished(row: Row | None) -> Row:
     if row is None:
         raise KeyboardInterrupt
     return row
+
+
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Holds Ctrl-C back; processes that start meanwhile never see it, which Windows cannot do."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _never_stop = threading.Event()

@@ -131,6 +131,7 @@ def _by_angle(rows: Sequence[Row], planners: Sequence[str]) -> Any:
                 linestyle=_LINES.get(planner, "-"),
                 marker=_MARKERS.get(planner, "o") if len(points) < 40 else None,
                 markersize=3,
+                linewidth=1.2 if len(points) < 40 else 0.8,
                 label=column_of(planner).title,
             )
         axis.set_ylabel(measure.title if len(drawn) == len(planners) else "total reward, enlarged")
@@ -168,7 +169,7 @@ def _by_area_class(rows: Sequence[Row], planners: Sequence[str]) -> Any:
                 capprops={"color": colour, "linewidth": 0.8},
                 flierprops={
                     "marker": ".",
-                    "markersize": 2.5,
+                    "markersize": 4,
                     "markerfacecolor": colour,
                     "markeredgecolor": "none",
                 },

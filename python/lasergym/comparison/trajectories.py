@@ -30,7 +30,8 @@ _CELL_IN = 1.42
 _LABEL_IN = 0.2
 _CAPTION_IN = 0.34
 _TITLE_IN = 0.22
-_POINT_IN = 1 / 72
+_POINTS = 72
+"""Points in an inch."""
 _PICTURE_PX = 426
 """Width of a picture in the PNG; with :data:`_CELL_IN` about 300 dots per inch."""
 
@@ -142,7 +143,7 @@ def _write_png(path: Path, grid: Sequence[Sequence[_Cell]]) -> None:
                         text,
                         ha="center",
                         va="baseline" if style != "label" else "center",
-                        fontsize=8 if style == "title" else 6,
+                        fontsize=_size_pt(style),
                         fontweight="bold" if style == "title" else "normal",
                         rotation=90 if style == "label" else 0,
                     )
@@ -150,33 +151,36 @@ def _write_png(path: Path, grid: Sequence[Sequence[_Cell]]) -> None:
 
 
 def _svg(grid: Sequence[Sequence[_Cell]]) -> str:
-    width_in, height_in = _size_in(grid)
+    """The grid in points of 1/72 inch."""
+    width_pt, height_pt = (size_in * _POINTS for size_in in _size_in(grid))
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width_in:.3f}in" '
-        f'height="{height_in:.3f}in" viewBox="0 0 {width_in:.3f} {height_in:.3f}" '
-        'font-family="DejaVu Sans, Helvetica, Arial, sans-serif" '
-        f'text-anchor="middle" fill="{_INK}">',
-        f'<rect width="{width_in:.3f}" height="{height_in:.3f}" fill="#ffffff"/>',
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width_pt:.2f}pt" '
+        f'height="{height_pt:.2f}pt" viewBox="0 0 {width_pt:.2f} {height_pt:.2f}" '
+        f'font-family="DejaVu Sans, Helvetica, Arial, sans-serif" fill="{_INK}">',
+        f'<rect width="{width_pt:.2f}" height="{height_pt:.2f}" fill="#ffffff"/>',
     ]
     for line, cells in enumerate(grid):
         for column, cell in enumerate(cells):
             left_in, top_in = _place_in(line, column)
-            parts.append(
-                _nested(cell.picture.svg(), f"cell-{line}-{column}-", left_in, top_in, _CELL_IN)
-            )
+            name = f"cell-{line}-{column}-"
+            parts.append(_embedded(cell.picture.svg(), name, left_in * _POINTS, top_in * _POINTS))
             for text, x_in, y_in, style in _texts(line, column, cell):
-                size_in = (8 if style == "title" else 6) * _POINT_IN
-                weight = ' font-weight="bold"' if style == "title" else ""
-                turned = (
-                    f' transform="rotate(-90 {x_in:.3f} {y_in:.3f})" dominant-baseline="middle"'
-                    if style == "label"
-                    else ""
-                )
+                x_pt, y_pt = x_in * _POINTS, y_in * _POINTS
+                details = ""
+                if style == "title":
+                    details = ' font-weight="bold"'
+                elif style == "label":
+                    x_pt += 2  # From the middle of the letters to their baseline.
+                    details = f' transform="rotate(-90 {x_pt:.2f} {y_pt:.2f})"'
                 parts.append(
-                    f'<text x="{x_in:.3f}" y="{y_in:.3f}" font-size="{size_in:.4f}"'
-                    f"{weight}{turned}>{escape(text)}</text>"
+                    f'<text x="{x_pt:.2f}" y="{y_pt:.2f}" text-anchor="middle" '
+                    f'font-size="{_size_pt(style)}"{details}>{escape(text)}</text>'
                 )
     return "\n".join([*parts, "</svg>"]) + "\n"
+
+
+def _size_pt(style: str) -> int:
+    return 8 if style == "title" else 6
 
 
 def _texts(line: int, column: int, cell: _Cell) -> list[tuple[str, float, float, str]]:
@@ -206,12 +210,14 @@ def _size_in(grid: Sequence[Sequence[_Cell]]) -> tuple[float, float]:
     )
 
 
-def _nested(svg: str, prefix: str, left_in: float, top_in: float, width_in: float) -> str:
-    """A picture as part of another one, its identifiers made unique."""
+def _embedded(svg: str, prefix: str, left_pt: float, top_pt: float) -> str:
+    """A picture as a group of another one, its identifiers made unique."""
     unique = re.sub(r'\bid="', f'id="{prefix}', svg)
     unique = re.sub(r"url\(#", f"url(#{prefix}", unique)
-    place = (
-        f'<svg x="{left_in:.3f}" y="{top_in:.3f}" width="{width_in:.3f}" height="{width_in:.3f}" '
-        'text-anchor="start"'
-    )
-    return re.sub(r'<svg xmlns="[^"]*" width="\d+" height="\d+"', place, unique, count=1)
+    unique = re.sub(r'href="#', f'href="#{prefix}', unique)
+    root = re.match(r'<svg [^>]*?viewBox="0 0 ([\d.]+) [\d.]+"([^>]*)>', unique)
+    if root is None:
+        raise ValueError("a trajectory begins with another element than expected")
+    scale = _CELL_IN * _POINTS / float(root[1])
+    group = f'<g transform="translate({left_pt:.2f} {top_pt:.2f}) scale({scale:.5f})"{root[2]}>'
+    return group + unique[root.end() :].rstrip().removesuffix("</svg>") + "</g>"
