@@ -64,7 +64,7 @@ def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"lasergym {lasergym.__version__}\n"
 
 
-@pytest.mark.parametrize("command", ["plan", "envs", "bench", "demo"])
+@pytest.mark.parametrize("command", ["plan", "envs", "bench", "compare", "demo"])
 def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([command, "--help"]) == 0
     assert "Usage: lasergym" in capsys.readouterr().out

@@ -11,6 +11,7 @@ import typer
 
 from lasergym import __version__
 from lasergym.cli.bench import bench
+from lasergym.cli.compare import compare
 from lasergym.cli.demo import demo
 from lasergym.cli.envs import envs
 from lasergym.cli.hints import hint_for
@@ -33,7 +34,7 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (plan, envs, bench, demo):
+for _command in (plan, envs, bench, compare, demo):
     app.command(_command.__name__)(_command)
 
 
