@@ -28,18 +28,22 @@ pub fn fill_even_odd(outlines: &[impl AsRef<[Point]>]) -> Bitmap {
 fn toggle_right_of_edge(bitmap: &mut Bitmap, start: Point, end: Point) {
     let (upper, lower) = if start.y <= end.y { (start, end) } else { (end, start) };
     let height = lower.y - upper.y;
-    if !(height > 0.0 && height.is_finite()) {
+    if !(height > 0.0 && height < f64::INFINITY) {
+        return;
+    }
+    // The first pixel whose centre is at or beyond `position`; a `u8` takes one instruction.
+    let first_beyond =
+        |position: f64| (position - 0.5).ceil().clamp(0.0, WORKPIECE_SIZE_PX as f64) as u8;
+    // Rows with upper.y <= j + 0.5 < lower.y, so that a shared vertex counts once.
+    let (first, end) = (first_beyond(upper.y), first_beyond(lower.y));
+    if first >= end {
         return;
     }
     let slope = (lower.x - upper.x) / height;
-    // Rows with upper.y <= j + 0.5 < lower.y, so that a shared vertex counts once.
-    let size = WORKPIECE_SIZE_PX as f64;
-    let first = (upper.y - 0.5).ceil().clamp(0.0, size) as usize;
-    let end_row = (lower.y - 0.5).ceil().clamp(0.0, size) as usize;
-    for (j, row) in bitmap.rows_mut().iter_mut().enumerate().take(end_row).skip(first) {
-        let crossing = upper.x + (j as f64 + 0.5 - upper.y) * slope;
-        let column = (crossing - 0.5).ceil().clamp(0.0, size) as usize;
-        *row ^= row_mask(column, WORKPIECE_SIZE_PX);
+    let rows = &mut bitmap.rows_mut()[usize::from(first)..usize::from(end)];
+    for (row, j) in rows.iter_mut().zip(first..end) {
+        let crossing = upper.x + (f64::from(j) + 0.5 - upper.y) * slope;
+        *row ^= row_mask(usize::from(first_beyond(crossing)), WORKPIECE_SIZE_PX);
     }
 }
 

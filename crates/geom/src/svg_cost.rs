@@ -12,8 +12,8 @@ use resvg::{
 
 use crate::{DrawingError, placement::Bounds, svg_drawing::refuse_kinds};
 
-/// Largest work for one rendering, painted samples. A plain page takes about two million.
-const MAX_PAINTED_SAMPLES: f64 = 2e9;
+/// Largest work for a drawing, samples of plain paint: one to two seconds.
+const MAX_PAINTED_SAMPLES: f64 = 1.5e9;
 
 /// An edge or a dash takes about as long as painting this many samples, whatever its length …
 const EDGE_SAMPLES: f64 = 200.0;
@@ -24,28 +24,59 @@ const LENGTH_SAMPLES: f64 = 20.0;
 /// A stroked edge has two sides, two ends and a join.
 const STROKE_EDGES: f64 = 4.0;
 
-/// Compositing a layer takes about as long as painting it this many times.
-const LAYER_PAINTS: f64 = 8.0;
+/// A gradient takes about as long as painting plainly this many times.
+const GRADIENT_PAINTS: f64 = 20.0;
 
-/// Refuses trees whose rendering of `region` of the page, at `scale` samples to a unit, would take
-/// more than [`MAX_PAINTED_SAMPLES`], and paint that is not read. Tells whether there is any shape.
-pub(crate) fn check_rendering(
-    tree: &Tree,
-    region: &Bounds,
-    scale: f64,
-) -> Result<bool, DrawingError> {
-    let mut work =
-        Rendering { region: *region, scale, samples: 0.0, shapes: false, unread: BTreeSet::new() };
-    work.add_group(tree.root(), None);
-    refuse_kinds(work.unread)?;
-    if work.samples > MAX_PAINTED_SAMPLES {
-        return Err(DrawingError::TooLarge {
-            unit: "samples to paint",
-            found: work.samples as u64,
-            limit: MAX_PAINTED_SAMPLES as u64,
-        });
+/// Compositing a translucent layer takes about as long as painting it this many times.
+const LAYER_PAINTS: f64 = 20.0;
+
+/// Clipping or masking a layer takes about as long as painting it this many times.
+const CLIP_PAINTS: f64 = 50.0;
+
+/// Layers reach beyond the rendering by up to this many of its widths and heights on each side.
+const LAYER_REACH: f64 = 2.0;
+
+/// The work of renderings, bounded before each.
+#[derive(Debug, Default)]
+pub(crate) struct RenderingCost {
+    samples: f64,
+}
+
+impl RenderingCost {
+    /// Adds the rendering of `region` of the page at `scale` samples to a unit. Tells whether there
+    /// is any shape; refuses paint that is not read, and work beyond [`MAX_PAINTED_SAMPLES`].
+    pub(crate) fn add(
+        &mut self,
+        tree: &Tree,
+        region: &Bounds,
+        scale: f64,
+    ) -> Result<bool, DrawingError> {
+        let samples = self.samples;
+        let mut work =
+            Rendering { region: *region, scale, samples, shapes: false, unread: BTreeSet::new() };
+        work.add_group(tree.root(), Canvas::Page);
+        refuse_kinds(work.unread)?;
+        if work.samples > MAX_PAINTED_SAMPLES {
+            return Err(DrawingError::TooLarge {
+                unit: "samples to paint",
+                found: work.samples as u64,
+                limit: MAX_PAINTED_SAMPLES as u64,
+            });
+        }
+        self.samples = work.samples;
+        Ok(work.shapes)
     }
-    Ok(work.shapes)
+}
+
+/// What shapes are painted on.
+#[derive(Debug, Clone, Copy)]
+enum Canvas {
+    /// The rendering.
+    Page,
+    /// A layer, which reaches beyond it.
+    Layer,
+    /// A clip path or mask of this many samples, any of whose shapes may cover all of it.
+    Cover(f64),
 }
 
 /// Work of a rendering.
@@ -58,27 +89,28 @@ struct Rendering {
 }
 
 impl Rendering {
-    /// Adds a group; `layer_samples` is the area of the clip path or mask it belongs to, where each
-    /// shape may cover all of it.
-    fn add_group(&mut self, group: &Group, layer_samples: Option<f64>) {
+    fn add_group(&mut self, group: &Group, canvas: Canvas) {
         if !group.filters().is_empty() {
             self.unread.insert("filter".into());
         }
-        let bounds = group.abs_layer_bounding_box().to_rect();
-        let area = layer_samples.unwrap_or_else(|| self.visible_samples(bounds));
+        let canvas = match canvas {
+            Canvas::Page if group.should_isolate() => Canvas::Layer,
+            canvas => canvas,
+        };
+        let area = self.painted_samples(group.abs_layer_bounding_box().to_rect(), canvas);
         if group.should_isolate() {
             self.samples += LAYER_PAINTS * area;
         }
         let mut clip = group.clip_path();
         while let Some(path) = clip {
-            self.samples += LAYER_PAINTS * area;
-            self.add_group(path.root(), Some(area));
+            self.samples += CLIP_PAINTS * area;
+            self.add_group(path.root(), Canvas::Cover(area));
             clip = path.clip_path();
         }
         let mut mask = group.mask();
         while let Some(layer) = mask {
-            self.samples += LAYER_PAINTS * area;
-            self.add_group(layer.root(), Some(area));
+            self.samples += CLIP_PAINTS * area;
+            self.add_group(layer.root(), Canvas::Cover(area));
             mask = layer.mask();
         }
         for node in group.children() {
@@ -87,9 +119,9 @@ impl Rendering {
                 return;
             }
             match node {
-                Node::Group(group) => self.add_group(group, layer_samples),
-                Node::Path(path) => self.add_path(path, layer_samples),
-                Node::Text(text) => self.add_group(text.flattened(), layer_samples),
+                Node::Group(group) => self.add_group(group, canvas),
+                Node::Path(path) => self.add_path(path, canvas),
+                Node::Text(text) => self.add_group(text.flattened(), canvas),
                 Node::Image(_) => {
                     self.unread.insert("image".into());
                 }
@@ -97,16 +129,20 @@ impl Rendering {
         }
     }
 
-    fn add_path(&mut self, path: &Path, layer_samples: Option<f64>) {
+    fn add_path(&mut self, path: &Path, canvas: Canvas) {
         self.shapes = true;
-        let area =
-            layer_samples.unwrap_or_else(|| self.visible_samples(path.abs_stroke_bounding_box()));
+        let area = self.painted_samples(path.abs_stroke_bounding_box(), canvas);
         let paints = [path.fill().map(Fill::paint), path.stroke().map(Stroke::paint)];
         for paint in paints.into_iter().flatten() {
-            if matches!(paint, Paint::Pattern(_)) {
-                self.unread.insert("pattern".into());
+            match paint {
+                Paint::Color(_) => self.samples += area,
+                Paint::LinearGradient(_) | Paint::RadialGradient(_) => {
+                    self.samples += GRADIENT_PAINTS * area;
+                }
+                Paint::Pattern(_) => {
+                    self.unread.insert("pattern".into());
+                }
             }
-            self.samples += area;
         }
         self.samples += self.edge_samples(path);
     }
@@ -146,11 +182,21 @@ impl Rendering {
         work
     }
 
-    /// Samples of the rendering inside `bounds`, page units.
-    fn visible_samples(&self, bounds: Rect) -> f64 {
-        let Bounds { min, max } = self.region;
-        let width = f64::from(bounds.right()).min(max[0]) - f64::from(bounds.left()).max(min[0]);
-        let height = f64::from(bounds.bottom()).min(max[1]) - f64::from(bounds.top()).max(min[1]);
-        width.max(0.0) * height.max(0.0) * self.scale * self.scale
+    /// Samples of `canvas` inside `bounds`, page units.
+    fn painted_samples(&self, bounds: Rect, canvas: Canvas) -> f64 {
+        let reach = match canvas {
+            Canvas::Page => 0.0,
+            Canvas::Layer => LAYER_REACH,
+            Canvas::Cover(samples) => return samples,
+        };
+        let low = [bounds.left(), bounds.top()].map(f64::from);
+        let high = [bounds.right(), bounds.bottom()].map(f64::from);
+        let size = self.region.size();
+        let sides = [0, 1].map(|axis| {
+            let first = low[axis].max(self.region.min[axis] - reach * size[axis]);
+            let last = high[axis].min(self.region.max[axis] + reach * size[axis]);
+            (last - first).max(0.0) * self.scale
+        });
+        sides[0] * sides[1]
     }
 }

@@ -12,7 +12,7 @@ use crate::{
     ink_raster::{InkRaster, InkRule},
     picture::render,
     placement::Bounds,
-    svg_cost::check_rendering,
+    svg_cost::RenderingCost,
     svg_document::{SvgDocument, isolated, parse_xml},
     svg_references::{check_entities, check_expansion},
 };
@@ -65,6 +65,7 @@ fn target(document: &SvgDocument, options: &DrawingOptions) -> Result<Bitmap, Dr
     }
     let mut region = page;
     let mut rule = None;
+    let mut cost = RenderingCost::default();
     for _ in 0..MAX_ZOOMS {
         let [width, height] = region.size();
         let scale = RASTER_SIDE / width.max(height);
@@ -77,7 +78,7 @@ fn target(document: &SvgDocument, options: &DrawingOptions) -> Result<Bitmap, Dr
             (-region.min[0] * scale) as f32,
             (-region.min[1] * scale) as f32,
         );
-        if !check_rendering(&document.tree, &region, scale)? {
+        if !cost.add(&document.tree, &region, scale)? {
             return Err(DrawingError::NoShapes { format: DrawingFormat::Svg });
         }
         let picture = render(&document.tree, transform, width, height)?;

@@ -378,6 +378,13 @@ fn an_svg_line_of_countless_dashes_is_too_large() {
 }
 
 #[test]
+fn an_svg_of_masks_far_larger_than_the_page_is_too_large() {
+    let mask = r#"<mask id="m"><path fill="white" d="M-900-900h999v999h-999z"/></mask>"#;
+    let layers = r#"<path mask="url(#m)" d="M-900-900h999v999h-999z"/>"#.repeat(9);
+    assert_refused!(read_svg(&format!("{mask}{layers}")), DrawingError::TooLarge { .. });
+}
+
+#[test]
 fn an_svg_of_countless_layers_is_too_large() {
     let layer = r#"<g opacity="0.9"><path d="M0 0h100v99z"/><path d="M0 0h100v100H0z"/></g>"#;
     assert_refused!(read_svg(&layer.repeat(3000)), DrawingError::TooLarge { .. });
