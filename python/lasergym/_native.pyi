@@ -2,11 +2,33 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import disjoint_base
 
+__all__ = [
+    "Batch",
+    "CmaEs",
+    "Environment",
+    "TrajectoryPicture",
+    "load_drawing",
+    "plan",
+    "random_shape",
+    "read_csv",
+    "read_gcode",
+    "score",
+    "shortest_order",
+    "star",
+    "target_png",
+    "travel",
+    "write_csv",
+    "write_gcode",
+]
+
+@final
+@disjoint_base
 class Environment:
     def __new__(cls, settings: dict[str, Any]) -> Environment: ...
     def reset(self, seed: int | None = None) -> None: ...
@@ -18,6 +40,8 @@ class Environment:
     def layers(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]: ...
     def copy(self) -> Environment: ...
 
+@final
+@disjoint_base
 class Batch:
     def __new__(
         cls,
@@ -57,6 +81,8 @@ class Batch:
     def last_pulses(self) -> NDArray[np.float64]: ...
     def layers(self, index: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]: ...
 
+@final
+@disjoint_base
 class CmaEs:
     def __new__(
         cls,
@@ -74,6 +100,8 @@ class CmaEs:
     def mean(self) -> NDArray[np.float64]: ...
     def termination(self) -> tuple[str, str] | None: ...
 
+@final
+@disjoint_base
 class TrajectoryPicture:
     def __new__(
         cls,

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lasergym import _native
-from lasergym.errors import OptimiserError, OptionError
+from lasergym.errors import OptimiserError
+from lasergym.options import LARGEST_SEED, integer_in
 
 __all__ = ["CmaEs"]
 
@@ -47,12 +48,17 @@ class CmaEs:
         Raises:
             OptimiserError: The settings do not fit together; the message says which.
         """
-        if not 0 <= seed < 2**64:
-            raise OptionError(f"seed is {seed}, but must be from 0 to 2**64 - 1")
+        integer_in("seed", seed, 0, LARGEST_SEED)
         box = None
         if bounds is not None:
             lower, upper = (_numbers("bounds", side).tolist() for side in bounds)
             box = (lower, upper)
+        for name, size in (
+            ("population_size", population_size),
+            ("max_evaluations", max_evaluations),
+        ):
+            if size is not None:
+                integer_in(name, size, 1, 2**63 - 1)
         self._native = _native.CmaEs(
             _numbers("mean", mean), sigma, population_size, seed, box, max_evaluations
         )

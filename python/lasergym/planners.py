@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lasergym import _native
-from lasergym.errors import OptionError, PositionError
+from lasergym.errors import PositionError
+from lasergym.options import LARGEST_SEED, integer_in
 from lasergym.targets import TargetLike, as_target
 
 __all__ = [
@@ -160,19 +161,17 @@ def plan(
         DrawingError: The drawing cannot be read.
     """
     remaining = as_target(target)
-    if not 0 <= seed < 2**64:
-        raise OptionError(f"seed is {seed}, but must be from 0 to 2**64 - 1")
-    if iterations is not None and iterations < 1:
-        raise OptionError(f"iterations is {iterations}, but must be at least 1")
     settings = {
         "planner": planner,
         "pulse_radius_px": pulse_radius_px,
-        "max_pulses": max_pulses,
-        "seed": seed,
+        "max_pulses": integer_in("max_pulses", max_pulses, 1, 10_000),
+        "seed": integer_in("seed", seed, 0, LARGEST_SEED),
         "budget_s": budget_s,
-        "iterations": iterations,
-        "threads": threads,
-        "restarts": restarts,
+        "iterations": None
+        if iterations is None
+        else integer_in("iterations", iterations, 1, 2**63 - 1),
+        "threads": integer_in("threads", threads, 1, 1024),
+        "restarts": integer_in("restarts", restarts, 1, 10_000),
         "start": None if start is None else positions(start),
     }
     started_s = time.perf_counter()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lasergym import _native
 from lasergym.errors import OptionError, TargetShapeError
+from lasergym.options import LARGEST_SEED, integer_in
 
 __all__ = [
     "SIZE_PX",
@@ -72,9 +73,7 @@ def random_shape(seed: int = 0) -> Target:
     Returns:
         Boolean array of shape (100, 100).
     """
-    if not 0 <= seed < 2**64:
-        raise OptionError(f"seed is {seed}, but must be from 0 to 2**64 - 1")
-    return _native.random_shape(int(seed))
+    return _native.random_shape(integer_in("seed", seed, 0, LARGEST_SEED))
 
 
 def load(

@@ -159,6 +159,8 @@ def test_bad_actions_are_named(action: Any, error: type[Exception]) -> None:
         ({"max_pulses": 0}, "max_pulses"),
         ({"max_pulses": -1}, "max_pulses"),
         ({"max_pulses": 2**40}, "max_pulses"),
+        ({"max_pulses": 10**25}, "max_pulses"),
+        ({"max_pulses": 4.5}, "max_pulses"),
         ({"pulse_radius_px": 0.0}, "pulse_radius_px"),
         ({"pulse_radius_px": float("nan")}, "pulse_radius_px"),
         ({"completion": 0.0}, "completion"),

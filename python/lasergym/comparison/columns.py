@@ -11,11 +11,14 @@ class PlannerColumn:
 
     Attributes:
         title: What the column is headed with.
+        in_order: Whether the order of its pulses matters; otherwise pictures join them by the way
+            of shortest travel.
         seeded: Whether the planner draws random numbers and takes a seed.
         timed: Whether the planner goes on until its time is up and takes a budget, s.
     """
 
     title: str
+    in_order: bool = True
     seeded: bool = False
     timed: bool = False
 
@@ -23,9 +26,9 @@ class PlannerColumn:
 _COLUMNS = {
     "raster": PlannerColumn("raster √2r"),
     "raster-fine": PlannerColumn("raster r"),
-    "greedy": PlannerColumn("greedy"),
-    "anneal": PlannerColumn("anneal", seeded=True, timed=True),
-    "cma-es": PlannerColumn("CMA-ES", seeded=True, timed=True),
+    "greedy": PlannerColumn("greedy", in_order=False),
+    "anneal": PlannerColumn("anneal", in_order=False, seeded=True, timed=True),
+    "cma-es": PlannerColumn("CMA-ES", in_order=False, seeded=True, timed=True),
     "policy": PlannerColumn("policy"),
 }
 

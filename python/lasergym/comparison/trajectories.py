@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lasergym import _native
-from lasergym.comparison.columns import column_of
+from lasergym.comparison.columns import PlannerColumn, column_of
 from lasergym.comparison.figures import import_matplotlib
 from lasergym.comparison.tasks import (
     AREA_CLASSES_PX,
@@ -20,6 +20,7 @@ from lasergym.comparison.tasks import (
 )
 from lasergym.comparison.work import PULSE_RADIUS_PX, Row
 from lasergym.errors import OptionError
+from lasergym.planners import shortest_order
 
 __all__ = ["choose_targets", "draw_trajectories"]
 
@@ -74,6 +75,8 @@ def draw_trajectories(
 ) -> list[Path]:
     """Draws a picture for each task, with a line for each target and a column for each planner.
 
+    Where the order of the pulses does not matter, they are joined by the way of shortest travel.
+
     Args:
         folder: Where the pictures go.
         chosen: Targets from top to bottom.
@@ -88,7 +91,7 @@ def draw_trajectories(
     for task in dict.fromkeys(made.task for made in chosen):
         grid = [
             [
-                _Cell(made, found[made.task, made.name, planner], column_of(planner).title)
+                _Cell(made, found[made.task, made.name, planner], column_of(planner))
                 for planner in planners
             ]
             for made in chosen
@@ -104,15 +107,18 @@ def draw_trajectories(
 class _Cell:
     """One planner on one target."""
 
-    def __init__(self, made: TaskTarget, row: Row, title: str) -> None:
+    def __init__(self, made: TaskTarget, row: Row, column: PlannerColumn) -> None:
         self.label = made.name
-        self.title = title
+        self.title = column.title
         self.captions = (
             f"{row.pulses} pulses, reward {row.reward:.4f}",
             f"{row.machined_fraction:.2%} on, {row.off_target_fraction:.2%} off target",
         )
         radius_px = np.full((row.pulses, 1), PULSE_RADIUS_PX)
-        pulses = np.hstack([np.array(row.xy_px, dtype=np.float64).reshape(-1, 2), radius_px])
+        xy_px = np.array(row.xy_px, dtype=np.float64).reshape(-1, 2)
+        if not column.in_order:
+            xy_px = xy_px[shortest_order(xy_px)]
+        pulses = np.hstack([xy_px, radius_px])
         self.picture = _native.TrajectoryPicture(
             made.target, pulses, _PICTURE_PX, False, False, None
         )

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lasergym.errors import ActionNotFiniteError, ActionShapeError, ActionTypeError, OptionError
+from lasergym.options import integer_in
 from lasergym.targets import SIZE_PX, Target
 
 __all__ = [
+    "MAX_COUNT",
     "ObservationMode",
     "Settings",
     "Task",
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
     ImageSpace: TypeAlias = gym.spaces.Box[np.uint8]
     ActionSpace: TypeAlias = gym.spaces.Box[np.float32]
     BoxOf = TypeVar("BoxOf", ImageSpace, ActionSpace)
+
+MAX_COUNT = 2**32 - 1
+"""Largest number of pulses, steps or environments."""
 
 CHANNELS: dict[str, int] = {"remaining": 1, "layers": 3}
 
@@ -61,6 +66,7 @@ class Settings:
 
     def as_native(self) -> dict[str, Any]:
         """The settings as keyword arguments of the native environments."""
+        integer_in("max_pulses", self.max_pulses, 1, MAX_COUNT)
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     def observation_space(self) -> ImageSpace:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lasergym import _native
 from lasergym.envs.settings import (
+    MAX_COUNT,
     ObservationMode,
     Settings,
     Task,
@@ -22,6 +23,7 @@ from lasergym.envs.settings import (
     native_seed,
 )
 from lasergym.errors import OptionError, RenderModeError, ShapeError
+from lasergym.options import integer_in
 from lasergym.render import Trajectory
 from lasergym.targets import Target, TargetLike, as_target
 
@@ -100,8 +102,10 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
             ) from error
         if target is not None and self.task != "pattern":
             raise OptionError(f"{type(self).__name__} draws its own targets: leave out `target`")
-        if num_envs < 1:
-            raise OptionError(f"num_envs is {num_envs}, but must be at least 1")
+        integer_in("num_envs", num_envs, 1, MAX_COUNT)
+        integer_in("threads", threads, 1, 1024)
+        if max_episode_steps is not None:
+            integer_in("max_episode_steps", max_episode_steps, 1, MAX_COUNT)
         self.settings = Settings(
             task=self.task,
             target=None if target is None else as_target(target),
