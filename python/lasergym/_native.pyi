@@ -6,7 +6,6 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import disjoint_base
 
 __all__ = [
     "Batch",
@@ -28,7 +27,6 @@ __all__ = [
 ]
 
 @final
-@disjoint_base
 class Environment:
     def __new__(cls, settings: dict[str, Any]) -> Environment: ...
     def reset(self, seed: int | None = None) -> None: ...
@@ -41,7 +39,6 @@ class Environment:
     def copy(self) -> Environment: ...
 
 @final
-@disjoint_base
 class Batch:
     def __new__(
         cls,
@@ -82,7 +79,6 @@ class Batch:
     def layers(self, index: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]: ...
 
 @final
-@disjoint_base
 class CmaEs:
     def __new__(
         cls,
@@ -101,7 +97,6 @@ class CmaEs:
     def termination(self) -> tuple[str, str] | None: ...
 
 @final
-@disjoint_base
 class TrajectoryPicture:
     def __new__(
         cls,
