@@ -58,7 +58,12 @@ _DPI = 300
 _SHORTEST_S = 1e-7
 """Less cannot be drawn on a logarithmic axis, s."""
 
+_LABEL_FACTOR = 100.0
+"""Markers nearer to each other than this factor of time leave no room for two labels between."""
+
 _NEAR_BEST = 0.95
+"""Planners with this share of the best mean reward are drawn enlarged."""
+
 _MEASURES = {measure.name: measure for measure in MEASURES}
 
 
@@ -141,7 +146,7 @@ def _by_angle(rows: Sequence[Row], planners: Sequence[str]) -> Any:
     axes[-1].set_xlabel("angle of the star, degrees")
     axes[-1].set_xlim(0, 360)
     axes[-1].set_xticks(range(0, 361, 36))
-    _legend_above(figure, axes[0], len(planners))
+    _legend_above(figure, axes[0], planners)
     return figure
 
 
@@ -187,7 +192,7 @@ def _by_area_class(rows: Sequence[Row], planners: Sequence[str]) -> Any:
     )
     axes[-1].set_xlim(-0.5, len(AREA_CLASSES_PX) - 0.5)
     axes[-1].set_xlabel("area of the target, px")
-    _legend_above(figure, axes[0], len(planners))
+    _legend_above(figure, axes[0], planners)
     return figure
 
 
@@ -202,14 +207,16 @@ def _cost_quality(rows: Sequence[Row], planners: Sequence[str]) -> Any:
     for index, panel in enumerate(panels):
         panel.set_visible(index < len(tasks))
     for panel, task in zip(panels, tasks, strict=False):
-        for index, planner in enumerate(planners):
+        points = []
+        for planner in planners:
             done = [row for row in rows if row.task == task and row.planner == planner]
-            if not done:
-                continue
-            cost = summarise([row.elapsed_s for row in done])
-            quality = summarise([row.reward_per_area for row in done])
+            if done:
+                cost_s = max(summarise([row.elapsed_s for row in done]).mean, _SHORTEST_S)
+                points.append((cost_s, planner, summarise([row.reward_per_area for row in done])))
+        cheaper_s = 0.0
+        for cost_s, planner, quality in sorted(points, key=lambda point: point[0]):
             panel.errorbar(
-                max(cost.mean, _SHORTEST_S),
+                cost_s,
                 quality.mean,
                 yerr=quality.spread or None,
                 color=_colour(planner),
@@ -222,23 +229,25 @@ def _cost_quality(rows: Sequence[Row], planners: Sequence[str]) -> Any:
                 capsize=2.5,
                 label=column_of(planner).title,
             )
-            right = index % 2
+            # On the left, unless a cheaper planner's marker is there.
+            right = cost_s < _LABEL_FACTOR * cheaper_s
             panel.annotate(
                 f"{quality.mean:.4f}",
-                (max(cost.mean, _SHORTEST_S), quality.mean),
+                (cost_s, quality.mean),
                 xytext=(6 if right else -6, 0),
                 textcoords="offset points",
                 ha="left" if right else "right",
                 va="center",
                 fontsize=7,
             )
+            cheaper_s = cost_s
         panel.set_xscale("log")
         panel.margins(x=0.25)
         number = len({row.target for row in rows if row.task == task})
         panel.set_title(f"{task} ({number})", fontsize=8, loc="left")
     figure.supxlabel("seconds per target (one thread)", fontsize=8)
     figure.supylabel("reward · 10⁴ / area, mean ± standard deviation", fontsize=8)
-    _legend_above(figure, panels[0], len(planners))
+    _legend_above(figure, panels[0], planners)
     return figure
 
 
@@ -279,9 +288,17 @@ def _colour(planner: str) -> str:
     return _COLOURS.get(planner, "#555555")
 
 
-def _legend_above(figure: Any, axis: Any, columns: int) -> None:
+def _legend_above(figure: Any, axis: Any, planners: Sequence[str]) -> None:
+    """One line of planners in the order of the table."""
     handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+    titles = [column_of(planner).title for planner in planners]
+    pairs = sorted(zip(handles, labels, strict=True), key=lambda pair: titles.index(pair[1]))
+    figure.legend(
+        [handle for handle, _ in pairs],
+        [label for _, label in pairs],
+        loc="outside upper center",
+        ncols=len(titles),
+    )
 
 
 def _new_figure(width_in: float, height_in: float) -> Any:
