@@ -75,25 +75,6 @@ impl ObservationMode {
         }
     }
 
-    /// Reads every cache line that an [`Eraser`] may write, so that they are fetched
-    /// together. The sum means nothing.
-    #[inline]
-    pub(crate) fn touch(self, footprint: &Footprint, observation: &[u8]) -> u8 {
-        let (first_row, spans) = footprint.rows();
-        let columns = footprint.columns();
-        let last = columns.end.saturating_sub(1);
-        let first = columns.start.min(last);
-        let rows = first_row * WORKPIECE_SIZE_PX..(first_row + spans.len()) * WORKPIECE_SIZE_PX;
-        let channels = if self == Self::Layers { 2 } else { 1 };
-        let mut sum = 0_u8;
-        for channel in observation.chunks_exact(CHANNEL_LEN).take(channels) {
-            for row in channel[rows.clone()].as_chunks::<WORKPIECE_SIZE_PX>().0 {
-                sum = sum.wrapping_add(row[first]).wrapping_add(row[last]);
-            }
-        }
-        sum
-    }
-
     /// Writes the pulses left, where they are shown.
     #[inline]
     pub(crate) fn write_budget(self, environment: &Environment, observation: &mut [u8]) {

@@ -1,7 +1,5 @@
 //! The part of a batch that one thread steps.
 
-use std::hint::black_box;
-
 use crate::action::Action;
 use crate::environment::Phase;
 use crate::observation::{Eraser, Words};
@@ -10,9 +8,6 @@ use lasergym_geom::WORKPIECE_SIZE_PX;
 
 /// Environments of a share that is not divided further.
 const SMALLEST_SHARE: usize = 64;
-
-/// Environments whose pulses are all aimed before the first lands.
-const BLOCK: usize = 8;
 
 /// Where an environment of a batch is in its episode.
 #[derive(Debug, Clone, Copy, Default)]
@@ -82,37 +77,24 @@ impl Share<'_> {
     }
 
     /// Fires one pulse in every environment, or resets it. `actions` are those of the batch.
-    ///
-    /// The pulses of a block of environments are aimed, and the memory that they will change is
-    /// read, before the first of them lands: so the cache misses of the whole block overlap.
     pub(crate) fn step(&mut self, actions: &[Action]) {
         let BatchOptions { autoreset, observation: mode, .. } = self.options;
-        let mut footprints = [const { Footprint::EMPTY }; BLOCK];
+        let mut footprint = Footprint::EMPTY;
         let mut words: Words = [[0; 2]; WORKPIECE_SIZE_PX];
-        for start in (0..self.environments.len()).step_by(BLOCK) {
-            let end = (start + BLOCK).min(self.environments.len());
-            for (k, footprint) in (start..end).zip(&mut footprints) {
-                if self.episodes[k].phase == Phase::Running {
-                    footprint.set(self.environments[k].aim(actions[self.first + k]));
-                    black_box(self.environments[k].workpiece().touch(footprint));
-                    let observation = &self.observations[k * mode.len()..][..mode.len()];
-                    black_box(mode.touch(footprint, observation));
-                }
+        for k in 0..self.environments.len() {
+            if self.episodes[k].phase != Phase::Running {
+                self.begin(k, None);
+                self.records[k] = StepRecord::of_reset(self.environments[k].progress());
+                continue;
             }
-            for (k, footprint) in (start..end).zip(&footprints) {
-                if self.episodes[k].phase != Phase::Running {
-                    self.begin(k, None);
-                    self.records[k] = StepRecord::of_reset(self.environments[k].progress());
-                    continue;
-                }
-                self.land(k, footprint, &mut words);
-                if self.episodes[k].phase == Phase::Over && autoreset == Autoreset::SameStep {
-                    let len = mode.len();
-                    let last = &mut self.final_observations[k * len..][..len];
-                    last.copy_from_slice(&self.observations[k * len..][..len]);
-                    self.begin(k, None);
-                    self.records[k].progress = self.environments[k].progress();
-                }
+            footprint.set(self.environments[k].aim(actions[self.first + k]));
+            self.land(k, &footprint, &mut words);
+            if self.episodes[k].phase == Phase::Over && autoreset == Autoreset::SameStep {
+                let observation = k * mode.len()..(k + 1) * mode.len();
+                self.final_observations[observation.clone()]
+                    .copy_from_slice(&self.observations[observation]);
+                self.begin(k, None);
+                self.records[k].progress = self.environments[k].progress();
             }
         }
     }

@@ -187,20 +187,6 @@ impl Workpiece {
         outcome
     }
 
-    /// Reads every cache line that a pulse will change, so that they are fetched together. The
-    /// result means nothing.
-    #[inline]
-    pub(crate) fn touch(&self, footprint: &Footprint) -> u64 {
-        let (first_row, spans) = footprint.rows();
-        let Some(last) = spans.len().checked_sub(1) else { return 0 };
-        let mut sum = 0;
-        for bitmap in [&self.remaining, &self.forbidden] {
-            let rows = &bitmap.rows()[first_row..=first_row + last];
-            sum ^= rows.iter().step_by(ROWS_PER_LINE).fold(rows[last], |sum, row| sum ^ row) as u64;
-        }
-        sum
-    }
-
     /// What a pulse would machine, without machining it.
     #[must_use]
     #[inline]
@@ -243,9 +229,6 @@ const HIGH_FIRST: usize = 40;
 /// Footprints from this column on are taken from the high word: the rest of the row can be erased
 /// in groups of eight. The words overlap, so that up to 20 columns always lie in one of them.
 const HIGH_START: usize = 44;
-
-/// Rows of a bitmap in one cache line of 64 bytes.
-const ROWS_PER_LINE: usize = 64 / size_of::<Row>();
 
 /// `BELOW[n]` has the bits `0..n` set. Entries from 64 up are full, so that every `u8` is an index.
 static BELOW: [u64; 256] = {
