@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lasergym import _native
 from lasergym.errors import PositionError
 from lasergym.options import LARGEST_SEED, integer_in
-from lasergym.targets import TargetLike, as_target
+from lasergym.targets import SIZE_PX, TargetLike, as_target
 
 __all__ = [
     "PLANNERS",
@@ -96,6 +96,14 @@ class Plan:
     def pulses(self) -> int:
         """Number of pulses."""
         return self.score.pulses
+
+    @property
+    def actions(self) -> NDArray[np.float32]:
+        """The pulses as actions of the environments, in [-1, 1]; shape (pulses, 2).
+
+        Stepping through them on a pristine workpiece achieves exactly what the plan says.
+        """
+        return (self.xy_px / (SIZE_PX / 2) - 1).astype(np.float32)
 
     def ordered(self, start_px: tuple[float, float] | None = None) -> Plan:
         """The same pulses in the order of shortest travel; see :func:`shortest_order`."""

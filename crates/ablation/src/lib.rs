@@ -30,7 +30,7 @@ mod stream;
 mod task;
 mod workpiece;
 
-pub use action::Action;
+pub use action::{Action, reachable_position};
 pub use batch::{Autoreset, Batch, BatchOptions, EpisodeStatistics, StepRecord};
 pub use environment::{Environment, Progress, Step};
 pub use error::AblationError;

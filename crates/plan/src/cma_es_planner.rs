@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
+use lasergym_ablation::reachable_position;
 use lasergym_geom::{Point, WORKPIECE_SIZE_PX};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -39,7 +40,7 @@ pub struct CmaEsPlanner {
     pub population_size: usize,
     /// Initial standard deviation of the positions, px, in (0, 100]. Default 10.
     pub sigma_px: f64,
-    /// What follows when a run has converged. Default [`Restarts::Bipop`].
+    /// What follows when a run has converged. Default [`Restarts::Ipop`] with factor 2.
     pub restarts: Restarts,
     /// Threads that score a population, in 1..=1024. Default 1.
     pub threads: usize,
@@ -52,7 +53,7 @@ impl Default for CmaEsPlanner {
             seed: 0,
             population_size: 40,
             sigma_px: 10.0,
-            restarts: Restarts::Bipop,
+            restarts: Restarts::Ipop { factor: 2.0 },
             threads: 1,
         }
     }
@@ -152,9 +153,10 @@ fn cost_of(job: &Job, plan: &[f64]) -> f64 {
     -reward_of(job.outcome(&positions_of(plan)).gain_px())
 }
 
-/// Positions from the variables x, y of each pulse in turn.
+/// Positions, ones that actions can reach, from the variables x, y of each pulse in turn.
 fn positions_of(plan: &[f64]) -> Vec<Point> {
-    plan.as_chunks::<2>().0.iter().map(|&[x, y]| Point::new(x, y)).collect()
+    let pulses = plan.as_chunks::<2>().0;
+    pulses.iter().map(|&[x, y]| reachable_position(Point::new(x, y))).collect()
 }
 
 /// Variables of pulses on target pixels drawn at random.

@@ -3,7 +3,7 @@
 //! The pixel-centre rule makes a disc of radius 9 px cover 249 to 257 pixels depending on where its
 //! centre lies within a pixel, and lets it meet an edge exactly or not.
 
-use lasergym_ablation::Workpiece;
+use lasergym_ablation::{Workpiece, reachable_position};
 use lasergym_geom::{Point, WORKPIECE_SIZE_PX};
 
 use crate::{Job, PlanError};
@@ -15,13 +15,13 @@ pub struct PolishOptions {
     /// places for this pulse, but may leave narrow strips to the next ones. Default 0.5.
     pub range_px: f64,
     /// Positions per pixel along x and along y, in 1..=64; the time of a polish grows with the
-    /// square. Default 8.
+    /// square. Default 16.
     pub steps_per_px: u32,
 }
 
 impl Default for PolishOptions {
     fn default() -> Self {
-        Self { range_px: 0.5, steps_per_px: 8 }
+        Self { range_px: 0.5, steps_per_px: 16 }
     }
 }
 
@@ -55,7 +55,8 @@ impl PolishOptions {
 }
 
 /// The position about `start` with the largest immediate gain on `workpiece`, and the gain, px; of
-/// several the nearest. Positions stay on the workpiece.
+/// several the nearest. Positions stay on the workpiece and are ones that actions can reach; without
+/// a square to search, the pulse is left alone.
 #[must_use]
 pub fn polish(
     job: &Job,
@@ -66,15 +67,20 @@ pub fn polish(
     let step_px = f64::from(options.steps_per_px.max(1)).recip();
     let reach = options.reach();
     let gain_px = |position| workpiece.preview(&job.footprint(position)).gain_px();
-    let mut best = (gain_px(start), 0, start);
+    if reach == 0 {
+        return (start, gain_px(start));
+    }
+    let center = reachable_position(start);
+    let mut best = (gain_px(center), 0, center);
     for row in -reach..=reach {
         for column in -reach..=reach {
             let offset = Point::new(f64::from(column) * step_px, f64::from(row) * step_px);
-            let position = start + offset;
+            let wanted = start + offset;
             let on_workpiece = 0.0..=WORKPIECE_SIZE_PX as f64;
-            if !(on_workpiece.contains(&position.x) && on_workpiece.contains(&position.y)) {
+            if !(on_workpiece.contains(&wanted.x) && on_workpiece.contains(&wanted.y)) {
                 continue;
             }
+            let position = reachable_position(wanted);
             // Larger gain first, shorter way second.
             let candidate = (gain_px(position), -(row * row + column * column));
             if candidate > (best.0, best.1) {
@@ -102,9 +108,12 @@ mod tests {
             let options = PolishOptions { range_px, steps_per_px };
             let (position, gain_px) = polish(&job, job.workpiece(), start, options);
             prop_assert_eq!(job.workpiece().preview(&job.footprint(position)).gain_px(), gain_px);
-            prop_assert!(gain_px >= job.workpiece().preview(&job.footprint(start)).gain_px());
+            let searched = options.reach() > 0;
+            let center = if searched { reachable_position(start) } else { start };
+            prop_assert!(gain_px >= job.workpiece().preview(&job.footprint(center)).gain_px());
+            prop_assert!(!searched || reachable_position(position) == position);
             let offset = position - start;
-            prop_assert!(offset.x.abs().max(offset.y.abs()) <= range_px);
+            prop_assert!(offset.x.abs().max(offset.y.abs()) <= range_px + 1e-5);
             prop_assert!((0.0..=100.0).contains(&position.x) && (0.0..=100.0).contains(&position.y));
         }
     }

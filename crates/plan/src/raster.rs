@@ -3,6 +3,7 @@
 
 use std::ops::ControlFlow;
 
+use lasergym_ablation::reachable_position;
 use lasergym_geom::{Bitmap, Point, WORKPIECE_SIZE_PX};
 
 use crate::{Job, Plan, PlanError, PlanProgress, Planner, PlannerKind};
@@ -86,10 +87,10 @@ fn scan(target: &Bitmap, pitch_px: f64, cells: usize) -> Vec<Point> {
                     >= MACHINED_FROM * pitch_px * pitch_px
             })
             .map(|cell_column| {
-                Point::new(
+                reachable_position(Point::new(
                     (cell_column as f64 + 0.5) * pitch_px,
                     (cell_row as f64 + 0.5) * pitch_px,
-                )
+                ))
             })
             .collect();
         if row.is_empty() {
@@ -143,7 +144,7 @@ mod tests {
         let plan = raster(RasterPitch::Radius, &target, 10.0);
         let expected =
             [(25.0, 15.0), (35.0, 15.0), (45.0, 15.0), (45.0, 25.0), (35.0, 25.0), (25.0, 25.0)];
-        assert_eq!(plan.positions, expected.map(|(x, y)| Point::new(x, y)));
+        assert_eq!(plan.positions, expected.map(|(x, y)| reachable_position(Point::new(x, y))));
     }
 
     #[test]

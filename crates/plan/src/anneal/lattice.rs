@@ -1,10 +1,14 @@
 //! Pulse positions on a fine lattice, for which footprints are table look-ups.
 //!
-//! Lattice coordinates are multiples of 1/16 px. Such numbers and their squares are exact in `f64`,
-//! so the pixel-centre rule does not change when a pulse moves by whole pixels: a table of one
-//! footprint for each position within a pixel holds exactly what [`Footprint::of`] says anywhere.
+//! Lattice places are 1/16 px apart, and their positions multiples of 1/4096 px. Such numbers and
+//! their squares are exact in `f64`, so the pixel-centre rule does not change when a pulse moves by
+//! whole pixels: a table of one footprint for each place within a pixel holds exactly what
+//! [`Footprint::of`] says anywhere.
+//!
+//! Environments take positions as `f32` actions, which moves them a little. No pixel centre lies so
+//! near the rim of a pulse on the lattice that this could change what the pulse covers.
 
-use lasergym_ablation::{Footprint, Pulse};
+use lasergym_ablation::{Footprint, Pulse, reachable_position};
 use lasergym_geom::{Point, WORKPIECE_SIZE_PX};
 
 use super::window::Window;
@@ -14,6 +18,9 @@ pub(super) const STEPS_PER_PX: i32 = 16;
 
 /// Longest step of a pulse, along x and along y, that is judged as one change, px.
 pub(super) const MAX_STEP_PX: usize = 8;
+
+/// Distance from the rim within which the rounding of actions might change the cover of a pixel, px.
+const RIM_PX: f64 = 2e-5;
 
 /// Lattice coordinate of the right and of the lower edge of the workpiece.
 pub(super) const EDGE: i32 = signed(WORKPIECE_SIZE_PX) * STEPS_PER_PX;
@@ -43,19 +50,73 @@ impl Place {
         Self { x: center(column), y: center(row) }
     }
 
-    /// The same position in px.
-    pub(super) fn position(self) -> Point {
-        Point::new(f64::from(self.x), f64::from(self.y)) * f64::from(STEPS_PER_PX).recip()
-    }
-
     /// The pixel (row, column) that the position lies in; 100 on the far edges.
     #[inline]
     pub(super) fn pixel(self) -> (usize, usize) {
         ((self.y / STEPS_PER_PX) as usize, (self.x / STEPS_PER_PX) as usize)
     }
+
+    /// The number of the place within its pixel.
+    #[inline]
+    fn within(self) -> usize {
+        ((self.y % STEPS_PER_PX) * STEPS_PER_PX + self.x % STEPS_PER_PX) as usize
+    }
 }
 
-/// Footprints of pulses of one radius at every position within a pixel.
+/// Where the places of the lattice lie within their pixels, for pulses of one radius.
+#[derive(Debug, Clone)]
+pub(super) struct Lattice {
+    radius_px: f64,
+    /// Position within the pixel of the place in (row, column) of the steps within it.
+    within: Vec<Point>,
+}
+
+impl Lattice {
+    /// The lattice for pulses of `radius_px`. Places where a pulse has a pixel centre on its rim
+    /// give way by up to 1/512 px.
+    pub(super) fn new(radius_px: f64) -> Self {
+        let steps = STEPS_PER_PX as usize;
+        let within = (0..steps * steps)
+            .map(|k| {
+                let place =
+                    Point::new((k % steps) as f64, (k / steps) as f64) * (1.0 / steps as f64);
+                let moved = |k: i32| {
+                    let step_px = f64::from(k) / 4096.0;
+                    Point::new(place.x + step_px, place.y + 2.0 * step_px)
+                };
+                (0..5).map(moved).find(|&p| !meets_center(p, radius_px)).unwrap_or(place)
+            })
+            .collect();
+        Self { radius_px, within }
+    }
+
+    /// As [`Self::position`], of all `places`.
+    pub(super) fn positions(&self, places: &[Place]) -> Vec<Point> {
+        places.iter().map(|&place| self.position(place)).collect()
+    }
+
+    /// The position of `place`, px, as an action reaches it.
+    pub(super) fn position(&self, place: Place) -> Point {
+        let (row, column) = place.pixel();
+        reachable_position(Point::new(column as f64, row as f64) + self.within[place.within()])
+    }
+}
+
+/// Whether the centre of a pixel lies within [`RIM_PX`] of the rim of a pulse at `within` a pixel.
+fn meets_center(within: Point, radius_px: f64) -> bool {
+    let reach = radius_px.ceil() as i32;
+    (-reach..=reach).any(|row| {
+        let dy = f64::from(row) + 0.5 - within.y;
+        let half_width = (radius_px * radius_px - dy * dy).max(0.0).sqrt();
+        [within.x - half_width, within.x + half_width].into_iter().any(|x| {
+            // The pixel whose centre is nearest to the rim in this row.
+            let dx = x.floor() + 0.5 - within.x;
+            (dx.hypot(dy) - radius_px).abs() < RIM_PX
+        })
+    })
+}
+
+/// Footprints of pulses of one radius at every place within a pixel.
 ///
 /// Bit k of row q is the pixel in column c − reach + k and row p − reach + q, where (p, c) is the
 /// pixel that the pulse lies in. [`MAX_STEP_PX`] empty rows lie above and below each footprint, so
@@ -70,15 +131,13 @@ pub(super) struct LatticeDisc<W> {
 }
 
 impl<W: Window> LatticeDisc<W> {
-    pub(super) fn new(radius_px: f64) -> Self {
-        let reach = radius_px.ceil() as usize;
+    pub(super) fn new(lattice: &Lattice) -> Self {
+        let reach = lattice.radius_px.ceil() as usize;
         let rows = 2 * reach + 1;
         let padded_rows = rows + 2 * MAX_STEP_PX;
-        let mut masks = vec![W::EMPTY; (STEPS_PER_PX * STEPS_PER_PX) as usize * padded_rows];
-        for (k, masks) in masks.chunks_exact_mut(padded_rows).enumerate() {
-            let steps = STEPS_PER_PX as usize;
-            let within = Point::new((k % steps) as f64, (k / steps) as f64) * (1.0 / steps as f64);
-            disc_masks(radius_px, within, reach, &mut masks[MAX_STEP_PX..]);
+        let mut masks = vec![W::EMPTY; lattice.within.len() * padded_rows];
+        for (masks, &within) in masks.chunks_exact_mut(padded_rows).zip(&lattice.within) {
+            disc_masks(lattice.radius_px, within, reach, &mut masks[MAX_STEP_PX..]);
         }
         Self { reach, rows, masks }
     }
@@ -106,9 +165,8 @@ impl<W: Window> LatticeDisc<W> {
 
     #[inline]
     fn padded_masks(&self, place: Place) -> &[W] {
-        let within = (place.y % STEPS_PER_PX) * STEPS_PER_PX + place.x % STEPS_PER_PX;
         let padded_rows = self.rows + 2 * MAX_STEP_PX;
-        &self.masks[within as usize * padded_rows..][..padded_rows]
+        &self.masks[place.within() * padded_rows..][..padded_rows]
     }
 }
 
@@ -137,8 +195,9 @@ mod tests {
     use proptest::prelude::*;
 
     /// Whether the pixels of the table are those of the footprint, on the workpiece.
-    fn agrees<W: Window>(disc: &LatticeDisc<W>, place: Place, radius_px: f64) -> bool {
-        let footprint = Footprint::of(Pulse { position: place.position(), radius_px });
+    fn agrees<W: Window>(disc: &LatticeDisc<W>, lattice: &Lattice, place: Place) -> bool {
+        let position = lattice.position(place);
+        let footprint = Footprint::of(Pulse { position, radius_px: lattice.radius_px });
         let (first_row, spans) = footprint.rows();
         let (row, column) = place.pixel();
         let masks = disc.masks(place);
@@ -163,24 +222,37 @@ mod tests {
             wide_px in prop_oneof![Just(50.0), 20.0..50.0],
             places in proptest::collection::vec((0..=EDGE, 0..=EDGE), 20),
         ) {
-            let narrow = LatticeDisc::<u64>::new(narrow_px);
-            let wide = LatticeDisc::<u128>::new(wide_px);
+            let narrow_lattice = Lattice::new(narrow_px);
+            let wide_lattice = Lattice::new(wide_px);
+            let narrow = LatticeDisc::<u64>::new(&narrow_lattice);
+            let wide = LatticeDisc::<u128>::new(&wide_lattice);
             for (x, y) in places {
                 let place = Place { x, y };
-                prop_assert_eq!(Place::near(place.position()), place);
-                prop_assert!(agrees(&narrow, place, narrow_px), "{:?}", place);
-                prop_assert!(agrees(&wide, place, wide_px), "{:?}", place);
+                prop_assert_eq!(Place::near(narrow_lattice.position(place)), place);
+                prop_assert!(agrees(&narrow, &narrow_lattice, place), "{:?}", place);
+                prop_assert!(agrees(&wide, &wide_lattice, place), "{:?}", place);
             }
         }
     }
 
     #[test]
-    fn every_place_within_a_pixel_is_in_the_table() {
-        let disc = LatticeDisc::<u64>::new(9.0);
-        for x in 0..STEPS_PER_PX {
-            for y in 0..STEPS_PER_PX {
-                assert!(agrees(&disc, Place { x: 50 * STEPS_PER_PX + x, y: y + 800 }, 9.0));
-            }
+    fn every_place_on_the_workpiece_is_in_the_table() {
+        let lattice = Lattice::new(9.0);
+        let disc = LatticeDisc::<u64>::new(&lattice);
+        for k in 0..64 * STEPS_PER_PX {
+            // Every place within a pixel several times, all over the workpiece.
+            let place = Place { x: k * 37 % (EDGE + 1), y: k / 16 * 13 % (EDGE + 1) };
+            assert!(agrees(&disc, &lattice, place), "{place:?}");
         }
+    }
+
+    #[test]
+    fn a_pulse_with_pixel_centers_on_its_rim_gives_way() {
+        let lattice = Lattice::new(9.0);
+        let center = Place::pixel_center(50, 50);
+        assert!(meets_center(Point::new(0.5, 0.5), 9.0));
+        let position = lattice.position(center);
+        assert!(position != Point::new(50.5, 50.5));
+        assert!(position.distance(Point::new(50.5, 50.5)) < 1e-2);
     }
 }

@@ -9,14 +9,14 @@ use crate::job::reward_of;
 use crate::polish::PolishOptions;
 use crate::{GainMap, Greedy, Job, Plan, PlanError, PlanProgress, Planner, PlannerKind};
 
-use super::lattice::{MAX_STEP_PX, Place};
+use super::lattice::{Lattice, MAX_STEP_PX, Place};
 use super::metropolis::BestPlaces;
 use super::options::{AnnealBudget, AnnealOptions};
 use super::restarts::{Outcome, run_restarts};
 
 /// Anneals a fixed number of pulses; the best planner there is, and better the longer it runs.
 ///
-/// Pulses lie on a lattice of 1/16 px. The plan is fired in the order of the immediate gains, and
+/// Pulses lie on a lattice of 1/16 px, where actions reach them. The plan is fired in the order of the immediate gains, and
 /// pulses that gain nothing are left out, so that it may have fewer pulses than the job allows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Anneal {
@@ -41,12 +41,13 @@ impl Planner for Anneal {
             None => greedy_positions(job)?,
         };
         let start = start_places(job, &first);
+        let lattice = Lattice::new(job.pulse_radius_px());
         let mut options = self.options.clone();
         if let AnnealBudget::Time(time) = &mut options.budget {
             *time = time.saturating_sub(began.elapsed()).max(Duration::from_micros(1));
         }
         let mut report = |fraction: f64, best: &BestPlaces| {
-            let positions: Vec<Point> = best.places.iter().map(|place| place.position()).collect();
+            let positions: Vec<Point> = lattice.positions(&best.places);
             progress(&PlanProgress {
                 planner: self.kind(),
                 fraction,
@@ -55,11 +56,11 @@ impl Planner for Anneal {
             })
         };
         let Outcome { best, stopped } = if job.pulse_radius_px() <= NARROW_RADIUS_PX {
-            run_restarts::<u64>(job, &options, &start, &mut report)?
+            run_restarts::<u64>(job, &lattice, &options, &start, &mut report)?
         } else {
-            run_restarts::<u128>(job, &options, &start, &mut report)?
+            run_restarts::<u128>(job, &lattice, &options, &start, &mut report)?
         };
-        let annealed = best.places.iter().map(|place| place.position()).collect();
+        let annealed = lattice.positions(&best.places);
         let plan = Plan::new(job, by_gain(job, annealed), stopped)?;
         if self.options.start.is_some() {
             let unchanged = Plan::new(job, first, stopped)?;

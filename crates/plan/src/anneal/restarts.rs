@@ -6,7 +6,7 @@ use std::sync::mpsc;
 
 use crate::{Job, PlanError};
 
-use super::lattice::Place;
+use super::lattice::{Lattice, Place};
 use super::metropolis::BestPlaces;
 use super::options::{AnnealBudget, AnnealOptions};
 use super::run::{Report, run};
@@ -22,6 +22,7 @@ pub(super) struct Outcome {
 /// iteration budget gives the same plan for any number of threads.
 pub(super) fn run_restarts<W: Window>(
     job: &Job,
+    lattice: &Lattice,
     options: &AnnealOptions,
     start: &[Place],
     report: &mut Report<'_>,
@@ -34,7 +35,7 @@ pub(super) fn run_restarts<W: Window>(
         iterations @ AnnealBudget::Iterations(_) => iterations,
     };
     let run_one = |restart: usize, report: &mut Report<'_>| {
-        run::<W>(job, options, budget, start, restart, report)
+        run::<W>(job, lattice, options, budget, start, restart, report)
     };
     if threads == 1 {
         return Ok(one_after_another(options.restarts, run_one, report));

@@ -9,7 +9,7 @@ use rand_pcg::Pcg64Mcg;
 use crate::{GainMap, Job};
 
 use super::cover::Cover;
-use super::lattice::Place;
+use super::lattice::{Lattice, Place};
 use super::metropolis::{BestPlaces, MoveOdds, NormalQuantiles, Walk};
 use super::options::{AnnealBudget, AnnealOptions, MOVES_PER_REPLACEMENT};
 use super::replacement::{GumbelNoise, replace_pulses};
@@ -31,6 +31,7 @@ pub(super) type Report<'a> = dyn FnMut(f64, &BestPlaces) -> ControlFlow<()> + 'a
 /// Runs one restart from `start` within `budget`. Stops early when `report` says so.
 pub(super) fn run<W: Window>(
     job: &Job,
+    lattice: &Lattice,
     options: &AnnealOptions,
     budget: AnnealBudget,
     start: &[Place],
@@ -41,7 +42,7 @@ pub(super) fn run<W: Window>(
     let mut rng = Pcg64Mcg::seed_from_u64(options.seed.wrapping_add((restart as u64) << 40));
     let mut gains = GainMap::new(job.workpiece(), job.pulse_radius_px());
     let mut walk = Walk {
-        cover: Cover::<W>::new(job.workpiece(), job.pulse_radius_px(), start.len()),
+        cover: Cover::<W>::new(job.workpiece(), lattice, start.len()),
         places: start.to_vec(),
         gain_px: 0,
     };
