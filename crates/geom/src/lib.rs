@@ -24,6 +24,7 @@ mod point;
 mod svg_cost;
 mod svg_document;
 mod svg_drawing;
+mod svg_numbers;
 mod svg_references;
 
 pub use bezier::CubicBezier;

@@ -3,7 +3,7 @@
 use crate::{Point, WORKPIECE_SIZE_PX};
 
 /// An axis-parallel rectangle in the units of a drawing.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Bounds {
     /// Smallest (x, y).
     pub(crate) min: [f64; 2],

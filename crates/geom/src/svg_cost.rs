@@ -36,6 +36,10 @@ const CLIP_PAINTS: f64 = 50.0;
 /// Layers reach beyond the rendering by up to this many of its widths and heights on each side.
 const LAYER_REACH: f64 = 2.0;
 
+/// Shapes reach at most this many times the longer side of a rendering to each side of its middle:
+/// single precision still places them to a tenth of a sample.
+const MAX_REACH: f64 = 1000.0;
+
 /// The work of renderings, bounded before each.
 #[derive(Debug, Default)]
 pub(crate) struct RenderingCost {
@@ -52,10 +56,16 @@ impl RenderingCost {
         scale: f64,
     ) -> Result<bool, DrawingError> {
         let samples = self.samples;
-        let mut work =
-            Rendering { region: *region, scale, samples, shapes: false, unread: BTreeSet::new() };
+        let mut work = Rendering { region: *region, scale, samples, ..Rendering::default() };
         work.add_group(tree.root(), Canvas::Page);
         refuse_kinds(work.unread)?;
+        if work.reach > MAX_REACH {
+            return Err(DrawingError::TooLarge {
+                unit: "times the size of its ink between its middle and a shape",
+                found: work.reach as u64,
+                limit: MAX_REACH as u64,
+            });
+        }
         if work.samples > MAX_PAINTED_SAMPLES {
             return Err(DrawingError::TooLarge {
                 unit: "samples to paint",
@@ -80,11 +90,14 @@ enum Canvas {
 }
 
 /// Work of a rendering.
+#[derive(Default)]
 struct Rendering {
     region: Bounds,
     scale: f64,
     samples: f64,
     shapes: bool,
+    /// How far shapes reach from the middle of the region, in longer sides of it.
+    reach: f64,
     unread: BTreeSet<String>,
 }
 
@@ -131,7 +144,9 @@ impl Rendering {
 
     fn add_path(&mut self, path: &Path, canvas: Canvas) {
         self.shapes = true;
-        let area = self.painted_samples(path.abs_stroke_bounding_box(), canvas);
+        let bounds = path.abs_stroke_bounding_box();
+        self.reach = self.reach.max(self.region_sides_to(bounds));
+        let area = self.painted_samples(bounds, canvas);
         let paints = [path.fill().map(Fill::paint), path.stroke().map(Stroke::paint)];
         for paint in paints.into_iter().flatten() {
             match paint {
@@ -180,6 +195,16 @@ impl Rendering {
             }
         }
         work
+    }
+
+    /// Distance from the middle of the region to the far edge of `bounds`, in its longer sides.
+    fn region_sides_to(&self, bounds: Rect) -> f64 {
+        let Bounds { min, max } = self.region;
+        let middle = [0, 1].map(|axis| f64::midpoint(min[axis], max[axis]));
+        let [width, height] = self.region.size();
+        let horizontal = [bounds.left(), bounds.right()].map(|x| (f64::from(x) - middle[0]).abs());
+        let vertical = [bounds.top(), bounds.bottom()].map(|y| (f64::from(y) - middle[1]).abs());
+        horizontal.into_iter().chain(vertical).fold(0.0, f64::max) / width.max(height)
     }
 
     /// Samples of `canvas` inside `bounds`, page units.

@@ -14,6 +14,7 @@ use crate::{
     placement::Bounds,
     svg_cost::RenderingCost,
     svg_document::{SvgDocument, isolated, parse_xml},
+    svg_numbers::check_numbers,
     svg_references::{check_entities, check_expansion},
 };
 
@@ -50,6 +51,7 @@ pub(crate) fn svg_target(bytes: &[u8], options: &DrawingOptions) -> Result<Bitma
         let xml = parse_xml(svg)?;
         check_depth(&xml)?;
         check_kinds(&xml)?;
+        check_numbers(&xml)?;
         check_expansion(&xml)?;
         let document = SvgDocument::from_xml(&xml)?;
         target(&document, options)

@@ -378,6 +378,18 @@ fn an_svg_line_of_countless_dashes_is_too_large() {
 }
 
 #[test]
+fn an_svg_with_a_boundless_radius_is_too_large() {
+    let arc = r#"<path d="M-54 0a54 1e30 1 1 108 0a54 54 0 10 21 0z"/>"#;
+    assert_refused!(read_svg(arc), DrawingError::TooLarge { limit: 1_000_000_000, .. });
+}
+
+#[test]
+fn an_svg_with_a_shape_far_beyond_its_page_is_too_large() {
+    let far = r#"<path d="M0 0h90v90z"/><path d="M0 0H9v999000000z"/>"#;
+    assert_refused!(read_svg(far), DrawingError::TooLarge { limit: 1000, .. });
+}
+
+#[test]
 fn an_svg_of_masks_far_larger_than_the_page_is_too_large() {
     let mask = r#"<mask id="m"><path fill="white" d="M-900-900h999v999h-999z"/></mask>"#;
     let layers = r#"<path mask="url(#m)" d="M-900-900h999v999h-999z"/>"#.repeat(9);
