@@ -59,7 +59,7 @@ $(PACKAGE): $(SOURCES) | $(PIP)
 	touch $@
 
 $(DEVELOPMENT): $(SOURCES) | $(PIP)
-	$(BIN)/python -m pip install --quiet '.[human,train]' --group test --group lint
+	$(BIN)/python -m pip install --quiet '.[human,plots,ray,train]' --group test --group lint
 	touch $(PACKAGE) $@
 
 $(VENV)/gymnasium-%: | $(PIP)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import lasergym
 from lasergym.envs.settings import native_seed
-from numpy_ablation import NumpyAblation, Streams, Task
+from numpy_ablation import NumpyAblation, Streams, Task, WholeGridNumpyAblation
 
 TASKS = get_args(Task)
 
@@ -43,6 +43,18 @@ def assert_equal_steps(task: Task, num_envs: int, seed: int, steps: int, **argum
         assert not truncated.any()
         for key, values in oracle_infos.items():
             np.testing.assert_array_equal(values, infos[key])
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_whole_grid_equals_the_window(task: Task) -> None:
+    window, grid = NumpyAblation(task, 9), WholeGridNumpyAblation(task, 9)
+    window.reset(seed=3)
+    grid.reset(seed=3)
+    generator = np.random.default_rng(0)
+    for _ in range(100):
+        action = actions(generator, 9)
+        for one, other in zip(window.step(action)[:3], grid.step(action)[:3], strict=True):
+            np.testing.assert_array_equal(one, other, strict=True)
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -65,8 +65,10 @@ def make_steppers(
         task: ``"Star"`` or ``"RandomShape"``.
         num_envs: Number of environments.
         threads: Worker threads of the contestant that uses all.
-        numpy_oracle: Python file with the class ``NumpyAblation``, where there is one.
-        sync_max_envs: ``SyncVectorEnv`` takes part up to this number of environments.
+        numpy_oracle: Python file with the classes ``NumpyAblation`` and
+            ``WholeGridNumpyAblation``, where there is one.
+        sync_max_envs: ``SyncVectorEnv`` and the whole grid take part up to this number of
+            environments.
     """
     generator = np.random.default_rng(0)
     shape = (EPISODE_STEPS + 1, num_envs, 2)
@@ -82,8 +84,12 @@ def make_steppers(
         steppers.append(stepper("lasergym", step, threads))
     steppers.append(stepper("lasergym, copy=True", _native(env_id, num_envs, 1, copy=True)))
     if numpy_oracle is not None:
-        steppers.append(stepper("NumPy", _numpy(numpy_oracle, task, num_envs)))
+        windowed = _numpy(numpy_oracle, "NumpyAblation", task, num_envs)
+        steppers.append(stepper("NumPy, window", windowed))
     if num_envs <= sync_max_envs:
+        if numpy_oracle is not None:
+            whole = _numpy(numpy_oracle, "WholeGridNumpyAblation", task, num_envs)
+            steppers.append(stepper("NumPy, whole grid", whole))
         steppers.append(stepper("SyncVectorEnv", _sync(env_id, num_envs)))
     return steppers
 
@@ -119,15 +125,15 @@ def _sync(env_id: str, num_envs: int) -> _Step:
     return envs.step
 
 
-def _numpy(path: Path, task: str, num_envs: int) -> _Step:
+def _numpy(path: Path, name: str, task: str, num_envs: int) -> _Step:
     spec = importlib.util.spec_from_file_location("numpy_ablation", path)
     if spec is None or spec.loader is None:
         raise OptionError(f"{path} is no Python file")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    if not hasattr(module, "NumpyAblation"):
-        raise OptionError(f"{path} has no class NumpyAblation")
-    envs = module.NumpyAblation(task, num_envs)
+    if not hasattr(module, name):
+        raise OptionError(f"{path} has no class {name}")
+    envs = getattr(module, name)(task, num_envs)
     envs.reset(seed=0)
     step: _Step = envs.step
     return step
