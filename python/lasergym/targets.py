@@ -26,6 +26,7 @@ __all__ = [
     "as_target",
     "load",
     "random_shape",
+    "random_shape_areas",
     "save",
     "star",
 ]
@@ -74,6 +75,21 @@ def random_shape(seed: int = 0) -> Target:
         Boolean array of shape (100, 100).
     """
     return _native.random_shape(integer_in("seed", seed, 0, LARGEST_SEED))
+
+
+def random_shape_areas(first_seed: int, count: int) -> NDArray[np.int64]:
+    """Areas of random shapes, without the shapes themselves.
+
+    Args:
+        first_seed: The first seed, as for :func:`random_shape`.
+        count: How many consecutive seeds, from 0 to 10 million.
+
+    Returns:
+        Areas, px, shape (count,).
+    """
+    integer_in("count", count, 0, 10_000_000)
+    integer_in("first_seed", first_seed, 0, LARGEST_SEED - count)
+    return _native.random_shape_areas(first_seed, count)
 
 
 def load(

@@ -111,6 +111,14 @@ def test_pattern_takes_arrays_and_files(assets: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(observation[0] > 0, lasergym.targets.load(drawing))
 
 
+def test_areas_are_those_of_the_shapes() -> None:
+    areas = lasergym.targets.random_shape_areas(2_000_000_000, 20)
+    shapes = [lasergym.targets.random_shape(2_000_000_000 + k) for k in range(20)]
+    assert areas.tolist() == [shape.sum() for shape in shapes]
+    with pytest.raises(errors.OptionError, match="count"):
+        lasergym.targets.random_shape_areas(0, -1)
+
+
 def test_reset_options_give_a_target() -> None:
     env = gym.make("lasergym/Star-v0")
     target = lasergym.targets.random_shape(seed=2)

@@ -24,11 +24,13 @@ pub(crate) fn bitmap_of(array: &PyReadonlyArray2<'_, bool>) -> PyResult<Bitmap> 
 
 /// The Boolean array of a bitmap, shape (100, 100).
 pub(crate) fn array_of<'py>(py: Python<'py>, bitmap: &Bitmap) -> Bound<'py, PyArray2<bool>> {
-    numpy::ndarray::Array2::from_shape_fn(
-        (WORKPIECE_SIZE_PX, WORKPIECE_SIZE_PX),
-        |(row, column)| bitmap.contains(row, column),
-    )
-    .into_pyarray(py)
+    let mut array = numpy::ndarray::Array2::default((WORKPIECE_SIZE_PX, WORKPIECE_SIZE_PX));
+    for (mut pixels, &row) in array.rows_mut().into_iter().zip(bitmap.rows()) {
+        for (column, pixel) in pixels.iter_mut().enumerate() {
+            *pixel = (row >> column) & 1 == 1;
+        }
+    }
+    array.into_pyarray(py)
 }
 
 /// The points of an array of shape (n, 2).

@@ -30,5 +30,5 @@ mod _native {
     #[pymodule_export]
     use crate::programs::{read_csv, read_gcode, travel, write_csv, write_gcode};
     #[pymodule_export]
-    use crate::targets::{random_shape, score, star};
+    use crate::targets::{random_shape, random_shape_areas, score, star};
 }

@@ -45,7 +45,7 @@ def demo(
             max_pulses=max_pulses,
             iterations=_ITERATIONS,
             progress=lambda fraction, _reward: bar.show(fraction),
-        )
+        ).ordered()
     played = play(pattern, planned)
     gcode = GcodeOptions()
     dynamics = StageDynamics(settling_s=gcode.settling_s, pulse_s=gcode.dwell_s)
@@ -66,30 +66,25 @@ def demo(
 def play(target: Target, plan: Plan) -> Plan:
     """Machines a plan in the environment, pulse by pulse.
 
-    Actions are float32, so the pulses land within 4e-6 px of the planned places; a pixel whose
-    centre lies on the rim of a pulse may thereby change sides.
-
     Args:
         target: Boolean array of shape (100, 100).
         plan: The plan.
 
     Returns:
-        The plan with the places where the pulses landed and the score that the environment gave.
+        The plan up to the pulse that completes the target, with the score of the environment.
 
     Raises:
         LasergymError: The environment's score is not that of :func:`lasergym.score`.
     """
-    actions = (plan.xy_px * (2 / SIZE_PX) - 1).astype(np.float32)
-    landed_px = (1 + actions.clip(-1, 1).astype(np.float64)) * (SIZE_PX / 2)
-    machined = _machine(target, actions, plan.pulse_radius_px)
-    landed_px = landed_px[: machined.pulses]
-    expected = lasergym.score(target, landed_px, plan.pulse_radius_px)
+    machined = _machine(target, plan.actions, plan.pulse_radius_px)
+    fired_px = plan.xy_px[: machined.pulses]
+    expected = lasergym.score(target, fired_px, plan.pulse_radius_px)
     # A return is a sum of rounded rewards, the score one quotient; both stand for whole pixels.
     gain_px = round(machined.reward * SIZE_PX**2)
     agreed = replace(machined, reward=gain_px / SIZE_PX**2)
     if agreed != expected:
         raise LasergymError(f"the environment gave {machined}, but the score is {expected}")
-    return replace(plan, xy_px=landed_px, score=agreed)
+    return replace(plan, xy_px=fired_px, score=agreed)
 
 
 def _machine(target: Target, actions: NDArray[np.float32], pulse_radius_px: float) -> Score:

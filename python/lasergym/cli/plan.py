@@ -66,6 +66,10 @@ def plan(
     restarts: Annotated[
         int, _option("--restarts", help="Runs of anneal, of which the best counts.", panel=_SEARCH)
     ] = 1,
+    keep_order: Annotated[
+        bool,
+        _option("--keep-order", help="Fire as planned, not by shortest travel.", panel=_SEARCH),
+    ] = False,
     as_json: Annotated[
         bool,
         _option("--json", help="Print the report as JSON; with FILE.json, write it there."),
@@ -162,6 +166,8 @@ def plan(
             restarts=restarts,
             progress=lambda fraction, _reward: bar.show(fraction),
         )
+    if not keep_order:
+        made = made.ordered()
     report = judge(
         target, pattern, made, max_pulses=max_pulses, pixel_um=pixel_um, dynamics=dynamics
     )
