@@ -5,7 +5,7 @@ use numpy::ndarray::{Array1, Array2};
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::bitmaps::{array_of, bitmap_of};
+use crate::bitmaps::{LayerArrays, array_of, bitmap_of};
 use crate::errors::{ablation_error, exception, option_error};
 use crate::settings::{Settings, autoreset_of, count};
 
@@ -19,6 +19,14 @@ pub(crate) struct NativeBatch {
 /// (machined fraction, off-target fraction, pulses).
 type ProgressArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>);
+
+/// Episodes that a step finished, as arrays of shape (n,): (finished, success, return, length).
+type EpisodeArrays<'py> = (
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<i64>>,
+);
 
 #[pymethods]
 impl NativeBatch {
@@ -132,15 +140,7 @@ impl NativeBatch {
 
     /// Episodes that the last step finished, as arrays of shape (n,), 0 elsewhere:
     /// (finished, success, return, length).
-    fn finished<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> (
-        Bound<'py, PyArray1<bool>>,
-        Bound<'py, PyArray1<bool>>,
-        Bound<'py, PyArray1<f64>>,
-        Bound<'py, PyArray1<i64>>,
-    ) {
+    fn finished<'py>(&self, py: Python<'py>) -> EpisodeArrays<'py> {
         (
             self.gather(py, |record| record.finished.is_some()),
             self.gather(py, |record| record.finished.is_some_and(|episode| episode.is_success)),
@@ -168,11 +168,7 @@ impl NativeBatch {
     }
 
     /// (remaining, forbidden) of one environment, Boolean arrays of shape (100, 100).
-    fn layers<'py>(
-        &self,
-        py: Python<'py>,
-        index: usize,
-    ) -> PyResult<(Bound<'py, PyArray2<bool>>, Bound<'py, PyArray2<bool>>)> {
+    fn layers<'py>(&self, py: Python<'py>, index: usize) -> PyResult<LayerArrays<'py>> {
         let environment = self
             .batch
             .environment(index)

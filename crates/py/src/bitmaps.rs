@@ -6,6 +6,9 @@ use pyo3::prelude::*;
 
 use crate::errors::exception;
 
+/// (remaining, forbidden) as Boolean arrays of shape (100, 100).
+pub(crate) type LayerArrays<'py> = (Bound<'py, PyArray2<bool>>, Bound<'py, PyArray2<bool>>);
+
 /// The bitmap of a Boolean array of shape (100, 100).
 pub(crate) fn bitmap_of(array: &PyReadonlyArray2<'_, bool>) -> PyResult<Bitmap> {
     let shape = array.shape();

@@ -2,10 +2,10 @@
 
 use lasergym_ablation::{Environment, ObservationMode};
 use numpy::ndarray::Array3;
-use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::bitmaps::{array_of, bitmap_of};
+use crate::bitmaps::{LayerArrays, array_of, bitmap_of};
 use crate::errors::ablation_error;
 use crate::settings::Settings;
 
@@ -66,10 +66,7 @@ impl NativeEnvironment {
     }
 
     /// (remaining, forbidden), Boolean arrays of shape (100, 100).
-    fn layers<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> (Bound<'py, PyArray2<bool>>, Bound<'py, PyArray2<bool>>) {
+    fn layers<'py>(&self, py: Python<'py>) -> LayerArrays<'py> {
         let workpiece = self.environment.workpiece();
         (array_of(py, workpiece.remaining()), array_of(py, workpiece.forbidden()))
     }

@@ -1,5 +1,8 @@
 //! The extension module `lasergym._native`: borrow, call, convert; nothing else.
 
+// Python hands arguments over by value; Rust code never calls these functions.
+#![allow(clippy::needless_pass_by_value)]
+
 mod batch;
 mod bitmaps;
 mod cma_es;

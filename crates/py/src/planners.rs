@@ -173,5 +173,9 @@ pub(crate) fn shortest_order<'py>(
     let positions = points_of(&xy_px)?;
     let start = start_px.map(|(x, y)| Point::new(x, y));
     let order = py.detach(|| order_by_travel(&positions, start)).map_err(plan_error)?;
-    Ok(order.into_iter().map(|index| index as i64).collect::<Array1<i64>>().into_pyarray(py))
+    Ok(order
+        .into_iter()
+        .map(|index| index.cast_signed() as i64)
+        .collect::<Array1<i64>>()
+        .into_pyarray(py))
 }
