@@ -155,6 +155,8 @@ def test_an_interrupt_leaves_what_is_done_and_the_rest_follows(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # Background jobs of a shell ignore interrupts, and hand that on.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         while process.poll() is None and not (
             results.exists() and results.read_bytes().count(b"\n") >= 3
