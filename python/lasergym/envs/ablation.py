@@ -47,11 +47,9 @@ class AblationEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             modes = ", ".join(f'"{mode}"' for mode in self.metadata["render_modes"])
             raise RenderModeError(f"render_mode is {render_mode!r}, but must be one of {modes}")
-        if target is not None and self.task != "pattern":
-            raise OptionError(f"{type(self).__name__} draws its own target: leave out `target`")
         self.settings = Settings(
             task=self.task,
-            target=None if target is None else as_target(target),
+            target=target,
             observation=observation,
             pulse_radius_px=pulse_radius_px,
             max_pulses=max_pulses,

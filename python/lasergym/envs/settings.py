@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lasergym.errors import ActionNotFiniteError, ActionShapeError, ActionTypeError, OptionError
 from lasergym.options import integer_in
-from lasergym.targets import SIZE_PX, Target
+from lasergym.targets import SIZE_PX, TargetLike, as_target
 
 __all__ = [
     "MAX_COUNT",
@@ -43,7 +43,7 @@ class Settings:
 
     Attributes:
         task: Where the targets come from.
-        target: The pattern, where the task is ``"pattern"``.
+        target: The pattern, where the task is ``"pattern"``; may be given as a drawing.
         observation: ``"remaining"`` (1 channel) or ``"layers"`` (3 channels).
         pulse_radius_px: Radius of the disc that one pulse machines, px, in (0, 50].
         max_pulses: Pulses after which the episode terminates, at least 1.
@@ -55,7 +55,7 @@ class Settings:
     """
 
     task: Task
-    target: Target | None = None
+    target: TargetLike | None = None
     observation: ObservationMode = "remaining"
     pulse_radius_px: float = 9.0
     max_pulses: int = 45
@@ -63,6 +63,14 @@ class Settings:
     pointing_error_px: float = 0.0
     radius_error: float = 0.0
     stop_on_miss: bool = False
+
+    def __post_init__(self) -> None:
+        """Reads the pattern, which no other task takes."""
+        if self.target is None:
+            return
+        if self.task != "pattern":
+            raise OptionError(f"the task {self.task} draws its own targets: leave out `target`")
+        object.__setattr__(self, "target", as_target(self.target))
 
     def as_native(self) -> dict[str, Any]:
         """The settings as keyword arguments of the native environments."""

@@ -100,15 +100,13 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
             raise OptionError(
                 f"autoreset_mode is {autoreset_mode!r}, but must be one of {names}"
             ) from error
-        if target is not None and self.task != "pattern":
-            raise OptionError(f"{type(self).__name__} draws its own targets: leave out `target`")
         integer_in("num_envs", num_envs, 1, MAX_COUNT)
         integer_in("threads", threads, 1, 1024)
         if max_episode_steps is not None:
             integer_in("max_episode_steps", max_episode_steps, 1, MAX_COUNT)
         self.settings = Settings(
             task=self.task,
-            target=None if target is None else as_target(target),
+            target=target,
             observation=observation,
             pulse_radius_px=pulse_radius_px,
             max_pulses=max_pulses,
