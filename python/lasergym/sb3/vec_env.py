@@ -1,4 +1,4 @@
-"""Stable-Baselines3 on the native environments; needs the extra ``lasergym[train]``."""
+"""Native environments as a ``VecEnv`` of Stable-Baselines3."""
 
 from __future__ import annotations
 
