@@ -14,9 +14,11 @@ from lasergym.cli.bench import bench
 from lasergym.cli.compare import compare
 from lasergym.cli.demo import demo
 from lasergym.cli.envs import envs
+from lasergym.cli.evaluate import evaluate
 from lasergym.cli.hints import hint_for
 from lasergym.cli.output import report_error
 from lasergym.cli.plan import plan
+from lasergym.cli.train import train
 from lasergym.errors import LasergymError
 
 __all__ = ["main"]
@@ -34,7 +36,7 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (plan, envs, bench, compare, demo):
+for _command in (plan, envs, bench, compare, train, evaluate, demo):
     app.command(_command.__name__)(_command)
 
 
