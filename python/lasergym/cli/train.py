@@ -58,6 +58,8 @@ def train(
     else:
         if task is None:
             raise OptionError("train needs a TOML file, the id of an environment, or --resume")
+        if output is not None and output.suffix.lower() in (".json", ".csv", ".zip"):
+            raise OptionError(f"{output} looks like a file, but -o takes a folder")
         config = _config(task, quick=quick).with_run(steps=steps, seed=seed)
         folder = output or Path("runs") / _name(task, quick=quick)
     shows = _Display()

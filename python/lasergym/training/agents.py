@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,7 +82,17 @@ def load_agent(path: str | Path) -> Agent:
         return _of_run(path) if path.is_dir() else _of_model(path)
     except FileNotFoundError as error:
         raise AgentError(f"there is no model {path}") from error
-    except (zipfile.BadZipFile, RuntimeError, KeyError, EOFError, AssertionError) as error:
+    except LasergymError:
+        raise
+    except (
+        zipfile.BadZipFile,
+        pickle.UnpicklingError,
+        RuntimeError,
+        ValueError,
+        KeyError,
+        EOFError,
+        AssertionError,
+    ) as error:
         raise AgentError(f"{path} cannot be read as a model: {error}") from error
 
 

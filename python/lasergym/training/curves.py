@@ -69,10 +69,10 @@ def draw_curve(
                 linewidth=1.0,
                 label=column_of(planner).title,
             )
-        axis.set_title(title, fontsize=8, loc="left")
+        figure.suptitle(title, fontsize=8, x=0.02, ha="left")
         axis.set_xlabel(f"pulses ({unit})")
         axis.set_ylabel("return")
-        axis.legend(frameon=False)
+        figure.legend(frameon=False, loc="outside upper right", ncols=5)
         scratch = path.with_name(f".{path.name}")
         figure.savefig(scratch, dpi=150, format="png")
         scratch.replace(path)

@@ -46,7 +46,7 @@ def _quick(env_id: str) -> TrainingConfig:
         task=TaskConfig(env_id=env_id, thinning=5),
         policy=PolicyConfig(kind=PolicyKind.MLP, hidden_layers=(64, 64)),
         method=MethodConfig(ppo=PpoConfig(gamma=0.5, learning_rate=1e-3)),
-        run=RunConfig(steps=1_000_000, checkpoint_min=1.0),
+        run=RunConfig(steps=500_000, checkpoint_min=1.0),
         evaluation=EvaluationConfig(every_steps=100_000, targets=16, anneal_s=0.5),
     )
 

@@ -179,7 +179,7 @@ class Recorder(BaseCallback):
         steps = self.num_timesteps - self.state.steps
         self.state = self._changed(
             steps=self.num_timesteps,
-            updates=int(self.model._n_updates),  # type: ignore[attr-defined]
+            updates=int(self.model._n_updates),
             training_s=self.state.training_s + took_s,
             environment_s=self.state.environment_s + environment_s,
         )
