@@ -2,16 +2,12 @@
 
 use std::ops::ControlFlow;
 
-use lasergym_ablation::Workpiece;
-use lasergym_geom::{Bitmap, Point, WORKPIECE_SIZE_PX};
+use lasergym_geom::Point;
 
-use crate::gain_map::GainMap;
 use crate::job::reward_of;
 use crate::polish::{PolishOptions, polish};
+use crate::ring_scores::RingScores;
 use crate::{Job, Plan, PlanError, PlanProgress, Planner, PlannerKind};
-
-/// Width of the ring about a pulse in which remaining target counts against it, px.
-pub const RING_WIDTH_PX: f64 = 3.0;
 
 /// Pulse after pulse, each where hits − misses − `ring_weight` × (target left within 3 px about the
 /// mark) is largest at a pixel centre, then polished by its immediate gain. Ends when no pulse
@@ -57,12 +53,13 @@ impl Planner for Greedy {
     ) -> Result<Plan, PlanError> {
         self.validate()?;
         let mut workpiece = job.workpiece().clone();
-        let mut scores = PlaceScores::new(&workpiece, job.pulse_radius_px(), self.ring_weight);
+        let mut scores = RingScores::new(&workpiece, job.pulse_radius_px(), self.ring_weight);
         let mut positions = Vec::new();
         let mut gain_px = 0;
         while positions.len() < job.max_pulses() {
-            let (position, pulse_gain_px) =
-                polish(job, &workpiece, scores.best_position(), self.polish);
+            let (row, column) = scores.best();
+            let center = Point::new(column as f64 + 0.5, row as f64 + 0.5);
+            let (position, pulse_gain_px) = polish(job, &workpiece, center, self.polish);
             if pulse_gain_px <= 0 {
                 break;
             }
@@ -83,75 +80,10 @@ impl Planner for Greedy {
     }
 }
 
-/// How promising each pixel centre is.
-struct PlaceScores {
-    ring_weight: f64,
-    gains: GainMap,
-    /// Target that remains within the ring's outer radius; only kept when the ring counts.
-    surroundings: Option<[GainMap; 2]>,
-}
-
-impl PlaceScores {
-    fn new(workpiece: &Workpiece, radius_px: f64, ring_weight: f64) -> Self {
-        let target = Workpiece::partly_machined(workpiece.remaining(), &Bitmap::EMPTY);
-        Self {
-            ring_weight,
-            gains: GainMap::new(workpiece, radius_px),
-            surroundings: (ring_weight > 0.0).then(|| {
-                let outer_px =
-                    (radius_px + RING_WIDTH_PX).min(lasergym_ablation::MAX_PULSE_RADIUS_PX);
-                [outer_px, radius_px].map(|radius_px| GainMap::new(&target, radius_px))
-            }),
-        }
-    }
-
-    /// Machines a pulse on `workpiece` and follows what changes.
-    fn pulse(&mut self, workpiece: &mut Workpiece, job: &Job, position: Point) {
-        workpiece.pulse_with(&job.footprint(position), |row, hits, misses| {
-            self.gains.machined(row, hits, misses);
-            for map in self.surroundings.iter_mut().flatten() {
-                map.machined(row, hits, 0);
-            }
-        });
-    }
-
-    /// The pixel centre with the largest score.
-    fn best_position(&self) -> Point {
-        let (row, column) = match &self.surroundings {
-            None => {
-                let (row, column, _) = self.gains.best();
-                (row, column)
-            }
-            Some(surroundings) => self.best_with_ring(surroundings),
-        };
-        Point::new(column as f64 + 0.5, row as f64 + 0.5)
-    }
-
-    /// As [`Self::best_position`] among the places that gain anything, or the one of largest gain.
-    fn best_with_ring(&self, [outer, inner]: &[GainMap; 2]) -> (usize, usize) {
-        let (best_row, best_column, _) = self.gains.best();
-        let mut best = (f64::NEG_INFINITY, best_row, best_column);
-        for row in 0..WORKPIECE_SIZE_PX {
-            for column in 0..WORKPIECE_SIZE_PX {
-                let gain_px = self.gains.gain_px(row, column);
-                if gain_px <= 0 {
-                    continue;
-                }
-                let ring_px = outer.gain_px(row, column) - inner.gain_px(row, column);
-                let score = f64::from(gain_px) - self.ring_weight * f64::from(ring_px);
-                if score > best.0 {
-                    best = (score, row, column);
-                }
-            }
-        }
-        (best.1, best.2)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lasergym_ablation::star;
+    use lasergym_ablation::{Workpiece, star};
 
     fn job(max_pulses: usize) -> Job {
         Job::new(Workpiece::new(&star(0.0)).unwrap(), 9.0, max_pulses).unwrap()

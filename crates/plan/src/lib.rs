@@ -23,6 +23,7 @@ mod plan;
 mod planner;
 mod polish;
 mod raster;
+mod ring_scores;
 
 pub use anneal::{Anneal, AnnealBudget, AnnealOptions, MOVES_PER_REPLACEMENT, Ramp};
 pub use cma_es::{
@@ -33,10 +34,11 @@ pub use cma_es::{
 pub use cma_es_planner::{CmaEsBudget, CmaEsPlanner, MAX_CMA_ES_PULSES};
 pub use error::PlanError;
 pub use gain_map::GainMap;
-pub use greedy::{Greedy, RING_WIDTH_PX};
+pub use greedy::Greedy;
 pub use job::{Job, MAX_JOB_PULSES};
 pub use order::{shortest_order, travel_px};
 pub use plan::Plan;
 pub use planner::{PlanProgress, Planner, PlannerKind};
 pub use polish::{PolishOptions, polish};
 pub use raster::{Raster, RasterPitch};
+pub use ring_scores::{RING_WIDTH_PX, RingScores};
