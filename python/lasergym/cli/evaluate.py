@@ -140,7 +140,7 @@ def _print(comparison: "AgentComparison") -> None:
             well_machined_percent(comparison.rows_of(group.name, planner))
             for planner in result.planners
         ]
-        made.add_row("machined over 90 %, % of targets", *(f"{share:.1f}" for share in shares))
+        made.add_row("machined over 90 %", *(f"{share:.0f} % of them" for share in shares))
         print_data(made)
         print_data("")
     if comparison.batch > 1:
