@@ -22,7 +22,7 @@ from ray.rllib.connectors.env_to_module.observation_preprocessor import (
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
 
-class ScaledImages(SingleAgentObservationPreprocessor):  # type: ignore[misc]
+class ScaledImages(SingleAgentObservationPreprocessor):
     """What RLlib's convolutions take: float32 in [0, 1], channel last, every second pixel."""
 
     def recompute_output_observation_space(

@@ -194,6 +194,18 @@ def test_bad_input_has_a_clear_error(
     assert {path.name for path in Path().iterdir()} == {"small.toml"}
 
 
+@pytest.mark.parametrize("arguments", [("train", "Star"), ("evaluate", "run")])
+def test_what_to_install_is_said_where_it_is_missing(arguments: tuple[str, ...]) -> None:
+    code = (
+        "import sys; sys.modules['stable_baselines3'] = sys.modules['torch'] = None; "
+        f"from lasergym.cli import main; sys.exit(main({list(arguments)}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert 'pip install "lasergym[train]"' in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize("name", ["train", "evaluate"])
 def test_the_script_is_the_command(name: str) -> None:
     command = [sys.executable, str(ROOT / "training" / f"{name}.py"), "--help"]

@@ -87,6 +87,7 @@ def evaluate(
 
     The targets are those of lasergym compare: no agent of lasergym is trained on its random shapes.
     """
+    import lasergym.sb3  # noqa: F401 - first, since it says what to install
     from lasergym.training.agents import load_agent  # Imports torch.
     from lasergym.training.evaluation import compare_agent
 

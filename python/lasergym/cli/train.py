@@ -66,6 +66,7 @@ def train(
     try:
         with progress_bar("training") as bar:
             shows.bar = bar
+            import lasergym.sb3  # noqa: F401 - first, since it says what to install
             from lasergym.training import run  # Imports torch.
 
             if resume is None:
@@ -73,7 +74,12 @@ def train(
             else:
                 result = run.resume(folder, steps=steps, pictures=pictures, progress=shows.show)
     except KeyboardInterrupt:
-        note(f"interrupted: lasergym train --resume {folder} goes on from there")
+        saved = (folder / "checkpoints").is_dir()
+        note(
+            f"interrupted: lasergym train --resume {folder} goes on from there"
+            if saved
+            else "interrupted"
+        )
         raise typer.Exit(1) from None
     if as_json:
         print_json(result.as_dict())
