@@ -69,10 +69,10 @@ def draw_curve(
                 linewidth=1.0,
                 label=column_of(planner).title,
             )
-        figure.suptitle(title, fontsize=8, x=0.02, ha="left")
+        axis.set_title(title, fontsize=8, loc="left")
         axis.set_xlabel(f"pulses ({unit})")
         axis.set_ylabel("return")
-        figure.legend(frameon=False, loc="outside upper right", ncols=5)
+        figure.legend(frameon=False, loc="outside lower center", ncols=5)
         scratch = path.with_name(f".{path.name}")
         figure.savefig(scratch, dpi=150, format="png")
         scratch.replace(path)
