@@ -12,7 +12,7 @@ const HALF_SIZE_PX: f64 = WORKPIECE_SIZE_PX as f64 / 2.0;
 /// The position of an action, px: x = 50 (1 + a₀), y = 50 (1 + a₁), actions clipped to [−1, 1].
 #[must_use]
 #[inline]
-pub(crate) fn position_px(action: Action) -> Point {
+pub fn position_px(action: Action) -> Point {
     let [x, y] = action.map(|a| HALF_SIZE_PX * (1.0 + f64::from(a.clamp(-1.0, 1.0))));
     Point::new(x, y)
 }

@@ -30,7 +30,7 @@ mod stream;
 mod task;
 mod workpiece;
 
-pub use action::{Action, reachable_position};
+pub use action::{Action, position_px, reachable_position};
 pub use batch::{Autoreset, Batch, BatchOptions, EpisodeStatistics, StepRecord};
 pub use environment::{Environment, Progress, Step};
 pub use error::AblationError;

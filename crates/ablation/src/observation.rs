@@ -60,8 +60,20 @@ impl ObservationMode {
     /// Writes the whole observation of `environment`. Bytes beyond [`len`](Self::len) are left
     /// alone, missing ones are left out.
     pub fn write(self, environment: &Environment, observation: &mut [u8]) {
+        let (left, max) = (environment.pulses_left(), environment.options().max_pulses);
+        self.write_state(environment.workpiece(), left, max, observation);
+    }
+
+    /// As [`write`](Self::write), of a workpiece with `pulses_left` out of `max_pulses`, which is
+    /// at least 1.
+    pub fn write_state(
+        self,
+        workpiece: &Workpiece,
+        pulses_left: u32,
+        max_pulses: u32,
+        observation: &mut [u8],
+    ) {
         let mut channels = observation.chunks_mut(CHANNEL_LEN);
-        let workpiece: &Workpiece = environment.workpiece();
         if let Some(channel) = channels.next() {
             write_bitmap(workpiece.remaining(), channel);
         }
@@ -70,7 +82,7 @@ impl ObservationMode {
                 write_bitmap(workpiece.forbidden(), channel);
             }
             if let Some(channel) = channels.next() {
-                channel.fill(budget_level(environment));
+                channel.fill(budget_level(pulses_left, max_pulses));
             }
         }
     }
@@ -79,16 +91,16 @@ impl ObservationMode {
     #[inline]
     pub(crate) fn write_budget(self, environment: &Environment, observation: &mut [u8]) {
         if self == Self::Layers {
-            observation[2 * CHANNEL_LEN..].fill(budget_level(environment));
+            let (left, max) = (environment.pulses_left(), environment.options().max_pulses);
+            observation[2 * CHANNEL_LEN..].fill(budget_level(left, max));
         }
     }
 }
 
 /// Pulses left over `max_pulses`, scaled to 255 and rounded to the nearest.
-fn budget_level(environment: &Environment) -> u8 {
-    let max_pulses = u64::from(environment.options().max_pulses);
-    let left = u64::from(environment.pulses_left());
-    ((510 * left + max_pulses) / (2 * max_pulses)) as u8
+fn budget_level(pulses_left: u32, max_pulses: u32) -> u8 {
+    let (left, max) = (u64::from(pulses_left), u64::from(max_pulses.max(1)));
+    ((510 * left.min(max) + max) / (2 * max)) as u8
 }
 
 /// Writes 255 where `bitmap` is set and 0 elsewhere.

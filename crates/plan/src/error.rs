@@ -1,5 +1,7 @@
 //! What can go wrong with a plan.
 
+use lasergym_policy::PolicyError;
+
 use crate::cma_es::CmaEsError;
 
 /// Every error of the planners.
@@ -101,4 +103,13 @@ pub enum PlanError {
     /// The optimiser of the CMA-ES planner refused its settings.
     #[error("CMA-ES: {0}")]
     CmaEs(#[from] CmaEsError),
+    /// A policy file that cannot be used, or a network whose output is not finite.
+    #[error("policy: {0}")]
+    Policy(#[from] PolicyError),
+    /// A policy whose manifest does not say how to decide, or not so that its network fits.
+    #[error("the policy does not say how to decide about pulses ({reason}): export it again")]
+    PolicyDecision {
+        /// What does not fit.
+        reason: String,
+    },
 }

@@ -1,5 +1,5 @@
-//! Planners that decide where the next laser pulse goes: raster scan, greedy, annealing and CMA-ES,
-//! all behind [`Planner`].
+//! Planners that decide where the next laser pulse goes: raster scan, greedy, annealing, CMA-ES
+//! and trained policies, all behind [`Planner`].
 //!
 //! ```
 //! use lasergym_ablation::{Workpiece, star};
@@ -11,6 +11,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod agent;
 mod anneal;
 mod cma_es;
 mod cma_es_planner;
@@ -18,6 +19,7 @@ mod error;
 mod gain_map;
 mod greedy;
 mod job;
+mod job_state;
 mod order;
 mod plan;
 mod planner;
@@ -25,6 +27,10 @@ mod polish;
 mod raster;
 mod ring_scores;
 
+pub use agent::{
+    AgentMemory, AgentPlanner, CORRECTION_REACH_PX, Decision, PolicyAgent, SpatialDecision,
+    VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX, write_view,
+};
 pub use anneal::{Anneal, AnnealBudget, AnnealOptions, MOVES_PER_REPLACEMENT, Ramp};
 pub use cma_es::{
     Best, Bounds, CmaEs, CmaEsError, CmaEsOptions, CovarianceUpdate, MAX_GROWTHS,
@@ -36,6 +42,7 @@ pub use error::PlanError;
 pub use gain_map::GainMap;
 pub use greedy::Greedy;
 pub use job::{Job, MAX_JOB_PULSES};
+pub use job_state::JobState;
 pub use order::{shortest_order, travel_px};
 pub use plan::Plan;
 pub use planner::{PlanProgress, Planner, PlannerKind};

@@ -59,12 +59,14 @@ pub enum PlannerKind {
     Anneal,
     /// `cma-es`: [`crate::CmaEsPlanner`].
     CmaEs,
+    /// `policy`: [`crate::AgentPlanner`].
+    Policy,
 }
 
 impl PlannerKind {
     /// All planners, the fastest first.
-    pub const ALL: [Self; 5] =
-        [Self::Raster, Self::RasterFine, Self::Greedy, Self::Anneal, Self::CmaEs];
+    pub const ALL: [Self; 6] =
+        [Self::Raster, Self::RasterFine, Self::Greedy, Self::Policy, Self::Anneal, Self::CmaEs];
 
     /// The name in commands, reports and Python.
     #[must_use]
@@ -75,6 +77,7 @@ impl PlannerKind {
             Self::Greedy => "greedy",
             Self::Anneal => "anneal",
             Self::CmaEs => "cma-es",
+            Self::Policy => "policy",
         }
     }
 }

@@ -1,0 +1,113 @@
+//! How the output of a network becomes a pulse: the `decision` of a policy file.
+
+use serde::{Deserialize, Serialize};
+
+use crate::PlanError;
+
+/// What a policy's network reads and what its output means.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Decision {
+    /// The network reads the observation of the environment and gives the action.
+    Direct {
+        /// What the observation shows.
+        observation: ObservationKind,
+        /// Pulses of a whole episode in training, at least 1; shown in the observation `layers`.
+        max_pulses: u32,
+    },
+    /// The network reads the view about the place of best ring score and corrects the scores there.
+    Spatial(SpatialDecision),
+}
+
+/// What an observation shows, by the names of the environments.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ObservationKind {
+    /// Remaining target.
+    Remaining,
+    /// Remaining target, forbidden ground, pulses left.
+    Layers,
+}
+
+/// Settings of a spatial policy.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpatialDecision {
+    /// Weight of the ring in the score that the network corrects, in [0, 1].
+    pub ring_weight: f64,
+    /// Range of the final polish by immediate gain and correction, px, in [0, 2].
+    pub polish_px: f64,
+}
+
+impl Default for SpatialDecision {
+    /// Ring weight 0.35, polish ± 0.5 px.
+    fn default() -> Self {
+        Self { ring_weight: 0.35, polish_px: 0.5 }
+    }
+}
+
+impl Decision {
+    /// Checks the settings.
+    ///
+    /// # Errors
+    /// [`PlanError::InvalidOption`].
+    pub fn validate(&self) -> Result<(), PlanError> {
+        let invalid =
+            |name, value: String, expected| Err(PlanError::InvalidOption { name, value, expected });
+        match self {
+            Self::Direct { max_pulses: 0, .. } => {
+                invalid("max_pulses of the policy", "0".to_owned(), "at least 1")
+            }
+            Self::Direct { .. } => Ok(()),
+            Self::Spatial(SpatialDecision { ring_weight, polish_px }) => {
+                if !(0.0..=1.0).contains(ring_weight) {
+                    return invalid("ring_weight", ring_weight.to_string(), "in [0, 1]");
+                }
+                if !(0.0..=2.0).contains(polish_px) {
+                    return invalid("polish_px", polish_px.to_string(), "in [0, 2]");
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Weight of the ring in the scores that the policy needs.
+    pub(super) fn ring_weight(&self) -> f64 {
+        match self {
+            Self::Direct { .. } => 0.0,
+            Self::Spatial(spatial) => spatial.ring_weight,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decisions_read_back_from_json() {
+        for decision in [
+            Decision::Direct { observation: ObservationKind::Layers, max_pulses: 45 },
+            Decision::Spatial(SpatialDecision::default()),
+        ] {
+            let text = serde_json::to_string(&decision).unwrap();
+            assert_eq!(serde_json::from_str::<Decision>(&text).unwrap(), decision);
+        }
+        let text = r#"{"kind": "spatial", "ring_weight": 0.35, "polish_px": 0.5}"#;
+        let decision: Decision = serde_json::from_str(text).unwrap();
+        assert_eq!(decision, Decision::Spatial(SpatialDecision::default()));
+    }
+
+    #[test]
+    fn settings_out_of_range_are_named() {
+        let direct = Decision::Direct { observation: ObservationKind::Remaining, max_pulses: 0 };
+        let ring = Decision::Spatial(SpatialDecision { ring_weight: 1.1, polish_px: 0.5 });
+        let polish = Decision::Spatial(SpatialDecision { ring_weight: 0.5, polish_px: f64::NAN });
+        for (decision, name) in
+            [(direct, "max_pulses"), (ring, "ring_weight"), (polish, "polish_px")]
+        {
+            let error = decision.validate().unwrap_err().to_string();
+            assert!(error.contains(name), "{error}");
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! Trained policies that decide pulse by pulse.
+
+mod corrections;
+mod decision;
+mod planner;
+mod policy_agent;
+mod view;
+
+pub use corrections::CORRECTION_REACH_PX;
+pub use decision::{Decision, SpatialDecision};
+pub use planner::AgentPlanner;
+pub use policy_agent::{AgentMemory, PolicyAgent};
+pub use view::{VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX, write_view};
