@@ -26,12 +26,13 @@ mod planner;
 mod polish;
 mod raster;
 mod ring_scores;
+mod teacher;
 
 pub use agent::{
     AgentMemory, AgentPlanner, CORRECTION_REACH_PX, Decision, PolicyAgent, SpatialDecision,
     VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX, write_view,
 };
-pub use anneal::{Anneal, AnnealBudget, AnnealOptions, MOVES_PER_REPLACEMENT, Ramp};
+pub use anneal::{Anneal, AnnealBudget, AnnealOptions, Completion, MOVES_PER_REPLACEMENT, Ramp};
 pub use cma_es::{
     Best, Bounds, CmaEs, CmaEsError, CmaEsOptions, CovarianceUpdate, MAX_GROWTHS,
     MAX_POPULATION_VALUES, Minimum, Progress, Restarts, StrategyParameters, Termination,
@@ -49,3 +50,4 @@ pub use planner::{PlanProgress, Planner, PlannerKind};
 pub use polish::{PolishOptions, polish};
 pub use raster::{Raster, RasterPitch};
 pub use ring_scores::{RING_WIDTH_PX, RingScores};
+pub use teacher::{PulseAllowance, Teacher, TeacherOptions};

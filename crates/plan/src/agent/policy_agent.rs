@@ -4,7 +4,7 @@ use std::path::Path;
 
 use lasergym_ablation::{ObservationMode, position_px};
 use lasergym_geom::Point;
-use lasergym_policy::{Network, PolicyError, Scratch};
+use lasergym_policy::{Network, Scratch};
 
 use crate::{Job, JobState, PlanError};
 
@@ -119,12 +119,26 @@ impl PolicyAgent {
             Decision::Spatial(spatial) => {
                 let candidate = state.scores().best();
                 write_view(state, candidate, view);
-                let output = self.network.run(view, scratch)?;
-                let missing = PolicyError::OutputNotFinite { index: 0, value: f32::NAN };
-                let corrections = Corrections::new(output).ok_or(missing)?;
-                Ok(best_position(state, candidate, corrections, spatial.polish_px))
+                let corrections_px = self.network.run(view, scratch)?;
+                Self::corrected_position(state, candidate, corrections_px, spatial.polish_px)
             }
         }
+    }
+
+    /// Where the ring score, corrected by `corrections_px` about the pixel `candidate` (row, column),
+    /// is best, then polished within `polish_px`.
+    pub(crate) fn corrected_position(
+        state: &JobState,
+        candidate: (usize, usize),
+        corrections_px: &[f32],
+        polish_px: f64,
+    ) -> Result<Point, PlanError> {
+        let corrections = Corrections::new(corrections_px).ok_or_else(|| {
+            let found = corrections_px.len();
+            let reason = format!("{found} corrections instead of {}", Corrections::LEN);
+            PlanError::PolicyDecision { reason }
+        })?;
+        Ok(best_position(state, candidate, corrections, polish_px))
     }
 }
 

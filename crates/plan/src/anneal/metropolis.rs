@@ -82,10 +82,11 @@ pub(super) struct Walk<W> {
 }
 
 impl<W: Window> Walk<W> {
-    /// Does `moves` moves and reports every plan that is better than `best_px` so far.
+    /// Does `moves` moves of the first `free` pulses, at least one, and offers every plan to `best`.
     pub(super) fn metropolis(
         &mut self,
         moves: u64,
+        free: usize,
         odds: &MoveOdds,
         rng: &mut Pcg64Mcg,
         best: &mut BestPlaces,
@@ -93,7 +94,7 @@ impl<W: Window> Walk<W> {
         for _ in 0..moves {
             let bits = rng.next_u64();
             // The high half of this product chooses the pulse, the low half is as good as new.
-            let product = (bits >> 32) * self.places.len() as u64;
+            let product = (bits >> 32) * free as u64;
             let k = (product >> 32) as usize;
             let place = self.places[k];
             if ((bits & 0xffff) as u32) < odds.jump {

@@ -4,6 +4,7 @@
 //! nearby or anywhere; then single pulses make Metropolis moves at sub-pixel positions (Metropolis
 //! et al. 1953; Kirkpatrick et al. 1983), each judged by the exact change of reward.
 
+mod completion;
 mod cover;
 mod cover_rows;
 mod lattice;
@@ -16,5 +17,6 @@ mod run;
 mod schedule;
 mod window;
 
+pub use completion::Completion;
 pub use options::{AnnealBudget, AnnealOptions, MOVES_PER_REPLACEMENT, Ramp};
 pub use planner::Anneal;

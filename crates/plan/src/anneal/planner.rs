@@ -73,7 +73,7 @@ impl Planner for Anneal {
 }
 
 /// Largest radius for which a pulse, a step and the rounding to whole bytes fit a 64-bit window, px.
-const NARROW_RADIUS_PX: f64 = ((u64::BITS as usize - 1 - 7 - MAX_STEP_PX) / 2) as f64;
+pub(super) const NARROW_RADIUS_PX: f64 = ((u64::BITS as usize - 1 - 7 - MAX_STEP_PX) / 2) as f64;
 
 /// The pulses of the greedy plan.
 fn greedy_positions(job: &Job) -> Result<Vec<Point>, PlanError> {

@@ -78,7 +78,7 @@ pub(super) fn run<W: Window>(
             options.step_px.at(fraction),
             options.jump_share,
         );
-        walk.metropolis(count, &odds, &mut rng, &mut best);
+        walk.metropolis(count, start.len(), &odds, &mut rng, &mut best);
         if last_report.elapsed() >= REPORT_EVERY {
             last_report = Instant::now();
             if report(share + (1.0 - share) * fraction, &best).is_break() {
