@@ -122,6 +122,9 @@ mod tests {
     use super::*;
     use crate::instructions::Instructions;
 
+    /// A function of one number.
+    type Definition<'a> = &'a dyn Fn(f64) -> f64;
+
     fn apply(activation: Activation, instructions: Instructions) -> Vec<(f64, f64)> {
         let arguments: Vec<f32> = (-4000..=4000).map(|i| i as f32 * 0.005).collect();
         let mut values = arguments.clone();
@@ -151,7 +154,6 @@ mod tests {
         };
         let by_error_function =
             |x: f64| 0.5 * x * (1.0 + error_function(x / std::f64::consts::SQRT_2));
-        type Definition<'a> = &'a dyn Fn(f64) -> f64;
         let definitions: [(Activation, Definition<'_>); 8] = [
             (Activation::Relu, &|x| x.max(0.0)),
             (Activation::LeakyRelu(0.1), &|x| if x < 0.0 { f64::from(0.1_f32) * x } else { x }),

@@ -67,12 +67,11 @@ impl Kernel for TileKernel<'_> {
         // V vectors a block, R lines a row of weights, P pixels a tile: constants, so that sums, one
         // row of weights and one value fill the registers, 16 of them or 32 of the longest.
         match (S::F32_LANES, pass.block_vectors) {
-            (4, 1) => blocks::<S, FUSED, 1, 1, 12>(simd, pass, output),
+            (4 | 8, 1) => blocks::<S, FUSED, 1, 1, 12>(simd, pass, output),
             (4, 2) => blocks::<S, FUSED, 2, 1, 6>(simd, pass, output),
             (4, 3) => blocks::<S, FUSED, 3, 2, 3>(simd, pass, output),
             (4, 4) => blocks::<S, FUSED, 4, 2, 2>(simd, pass, output),
             (4, _) => blocks::<S, FUSED, 8, 4, 1>(simd, pass, output),
-            (8, 1) => blocks::<S, FUSED, 1, 1, 12>(simd, pass, output),
             (8, 2) => blocks::<S, FUSED, 2, 2, 6>(simd, pass, output),
             (8, 3) => blocks::<S, FUSED, 3, 3, 3>(simd, pass, output),
             (8, 4) => blocks::<S, FUSED, 4, 4, 2>(simd, pass, output),
