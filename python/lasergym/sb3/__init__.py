@@ -11,9 +11,14 @@ from lasergym.sb3.self_imitation import (  # isort: skip
     self_imitation_loss,
 )
 from lasergym.sb3.replay import PrioritisedReplay, ReplayBatch, ReplayError
+from lasergym.sb3.spatial_distribution import CellDistribution
+from lasergym.sb3.spatial_network import CorrectionNet
+from lasergym.sb3.spatial_policy import SpatialPolicy
 from lasergym.sb3.thinning import ThinnedPixels, thinned
 
 __all__ = [
+    "CellDistribution",
+    "CorrectionNet",
     "EnvironmentView",
     "NativeVecEnv",
     "PrioritisedReplay",
@@ -22,6 +27,7 @@ __all__ = [
     "SelfImitation",
     "SelfImitationLoss",
     "SelfImitationOptions",
+    "SpatialPolicy",
     "ThinnedPixels",
     "discounted_returns",
     "make_vec_env",
