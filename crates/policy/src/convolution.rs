@@ -99,8 +99,9 @@ impl Convolution {
         }
         let before = geometry.padding.map(usize::cast_signed);
         let padding = Padding::new(layer, input, [1, 1], before, before)?;
-        let taps = KernelTaps { weight, rows, columns, transposed: false };
-        Self::prepare(layer, padding, &taps, outputs, bias, geometry, instructions)
+        let inputs = group_inputs;
+        let taps = KernelTaps { weight, outputs, inputs, rows, columns, transposed: false };
+        Self::prepare(layer, padding, &taps, bias, geometry, instructions)
     }
 
     /// A transposed convolution over `input` with weights (inputs, outputs, rows, columns): a plain
@@ -136,9 +137,9 @@ impl Convolution {
         });
         let after = [0, 1].map(|axis| before[axis] + output_padding[axis].cast_signed());
         let padding = Padding::new(layer, input, geometry.stride, before, after)?;
-        let taps = KernelTaps { weight, rows, columns, transposed: true };
+        let taps = KernelTaps { weight, outputs, inputs, rows, columns, transposed: true };
         let plain = Geometry { stride: [1, 1], padding: [0, 0], groups: 1, ..geometry };
-        Self::prepare(layer, padding, &taps, outputs, bias, plain, instructions)
+        Self::prepare(layer, padding, &taps, bias, plain, instructions)
     }
 
     /// A linear layer over a vector with weights (outputs, inputs).
@@ -170,11 +171,11 @@ impl Convolution {
         layer: &str,
         padding: Padding,
         taps: &KernelTaps<'_>,
-        outputs: usize,
         bias: Option<&Tensor>,
         geometry: Geometry,
         instructions: Instructions,
     ) -> Result<Self, PolicyError> {
+        let outputs = taps.outputs;
         if let Some(bias) = bias
             && bias.shape != [outputs]
         {
@@ -208,7 +209,7 @@ impl Convolution {
         let block_vectors = block_vectors(group_outputs.div_ceil(lanes), output.pixels());
         let block = block_vectors * lanes;
         let blocks = group_outputs.div_ceil(block);
-        let tap_count = group_inputs * taps.rows * taps.columns;
+        let tap_count = taps.count();
         let lines = block.div_ceil(LINE);
         let packed = [groups, blocks, lines * LINE, tap_count + 1]
             .iter()
@@ -233,9 +234,7 @@ impl Convolution {
             }
             let target = &mut weights[block_index * tap_count * lines..][..tap_count * lines];
             for (tap, row) in target.chunks_exact_mut(lines).enumerate() {
-                let (pixel, input) = (tap / group_inputs, tap % group_inputs);
-                row[lane / LINE].0[lane % LINE] =
-                    taps.at(channel, input, group_inputs, outputs, pixel / taps.columns, pixel);
+                row[lane / LINE].0[lane % LINE] = taps.at(channel, tap);
             }
         }
 
@@ -326,29 +325,30 @@ impl Convolution {
 /// Weights of a kernel, addressed alike whether transposed or not.
 struct KernelTaps<'a> {
     weight: &'a Tensor,
+    outputs: usize,
+    /// Inputs of one group.
+    inputs: usize,
     rows: usize,
     columns: usize,
     transposed: bool,
 }
 
 impl KernelTaps<'_> {
-    /// The weight from `input` (of its group) to `output` at a tap.
-    fn at(
-        &self,
-        output: usize,
-        input: usize,
-        inputs: usize,
-        outputs: usize,
-        row: usize,
-        pixel: usize,
-    ) -> f32 {
-        let column = pixel % self.columns;
-        let (plane, row, column) = if self.transposed {
-            (input * outputs + output, self.rows - 1 - row, self.columns - 1 - column)
+    /// Taps of one output: rows × columns × inputs, inputs fastest.
+    fn count(&self) -> usize {
+        self.rows * self.columns * self.inputs
+    }
+
+    /// The weight of `output` at a tap.
+    fn at(&self, output: usize, tap: usize) -> f32 {
+        let (place, input) = (tap / self.inputs, tap % self.inputs);
+        let places = self.rows * self.columns;
+        let index = if self.transposed {
+            (input * self.outputs + output) * places + (places - 1 - place)
         } else {
-            (output * inputs + input, row, column)
+            (output * self.inputs + input) * places + place
         };
-        self.weight.values[(plane * self.rows + row) * self.columns + column]
+        self.weight.values[index]
     }
 }
 

@@ -2,7 +2,7 @@
 
 #![allow(clippy::inline_always, reason = "kernels must be compiled with the caller's instructions")]
 
-use pulp::{Arch, Scalar128b, Simd, WithSimd};
+use pulp::{Arch, Scalar128b, Simd, WithSimd, bytemuck};
 
 /// Which vector instructions the kernels use.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -14,6 +14,9 @@ pub enum Instructions {
     /// Those of every processor that the build runs on. Slower; results differ by rounding only.
     Portable,
 }
+
+/// Values in a vector of portable instructions.
+const PORTABLE_LANES: usize = 4;
 
 /// Code that is compiled once for each set of instructions.
 pub(crate) trait Kernel {
@@ -72,5 +75,27 @@ pub(crate) fn multiply_add<S: Simd, const FUSED: bool>(
     y: S::f32s,
     sum: S::f32s,
 ) -> S::f32s {
-    if FUSED { simd.mul_add_e_f32s(x, y, sum) } else { simd.add_f32s(simd.mul_f32s(x, y), sum) }
+    if FUSED {
+        return simd.mul_add_e_f32s(x, y, sum);
+    }
+    if S::F32_LANES != PORTABLE_LANES {
+        return simd.add_f32s(simd.mul_f32s(x, y), sum);
+    }
+    // Plain arrays, which become the vectors of the build; the portable ones of pulp are calls.
+    let (x, y): ([f32; PORTABLE_LANES], [f32; PORTABLE_LANES]) =
+        (bytemuck::cast(x), bytemuck::cast(y));
+    let mut sums: [f32; PORTABLE_LANES] = bytemuck::cast(sum);
+    for lane in 0..PORTABLE_LANES {
+        sums[lane] += x[lane] * y[lane];
+    }
+    bytemuck::cast(sums)
+}
+
+/// A vector of equal values.
+#[inline(always)]
+pub(crate) fn broadcast<S: Simd, const FUSED: bool>(simd: S, value: f32) -> S::f32s {
+    if !FUSED && S::F32_LANES == PORTABLE_LANES {
+        return bytemuck::cast([value; PORTABLE_LANES]);
+    }
+    simd.splat_f32s(value)
 }

@@ -70,8 +70,11 @@ impl Program {
         for &input in wiring.iter().flatten() {
             uses[input] += 1;
         }
-        let unused = manifest.layers.iter().zip(&uses[1..]).rev().skip(1).rev();
-        if let Some((layer, _)) = unused.into_iter().find(|&(_, &count)| count == 0) {
+        // The last layer gives the output.
+        uses[manifest.layers.len()] += 1;
+        if let Some((layer, _)) =
+            manifest.layers.iter().zip(&uses[1..]).find(|(_, uses)| **uses == 0)
+        {
             return Err(PolicyError::UnusedLayer { layer: layer.name.clone() });
         }
 

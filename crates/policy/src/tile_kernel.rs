@@ -13,7 +13,7 @@
 
 use pulp::{Simd, bytemuck};
 
-use crate::instructions::{Kernel, multiply_add};
+use crate::instructions::{Kernel, broadcast, multiply_add};
 
 /// Weights that are loaded together, at an address from which every processor loads at full speed.
 #[derive(Debug, Clone, Copy, Default)]
@@ -136,7 +136,7 @@ fn tile<S: Simd, const FUSED: bool, const V: usize, const R: usize, const P: usi
                 weight[v] = load(simd, row, v);
             }
             for p in 0..P {
-                let value = simd.splat_f32s(values[p][tap]);
+                let value = broadcast::<S, FUSED>(simd, values[p][tap]);
                 for v in 0..V {
                     sums[p][v] = multiply_add::<S, FUSED>(simd, value, weight[v], sums[p][v]);
                 }
