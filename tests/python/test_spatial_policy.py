@@ -508,6 +508,21 @@ def test_the_exported_network_gives_the_corrections() -> None:
     assert torch.equal(other(seen), agent.network(seen))
 
 
+def test_the_runner_decides_as_torch_does(tmp_path: Path) -> None:
+    pytest.importorskip("safetensors")
+    runner = pytest.importorskip("lasergym.policy")
+    from lasergym.export import export_policy
+
+    torch.manual_seed(0)
+    agent = with_random_corrections(2.0)
+    export_policy(agent, tmp_path / "policy.safetensors")
+    native = runner.Policy.load(tmp_path / "policy.safetensors")
+    observations = states(12).numpy()
+    expected, _ = agent.predict(observations, deterministic=True)
+    for observation, action in zip(observations, expected, strict=True):
+        np.testing.assert_array_equal(native.act(observation, max_pulses=45), action)
+
+
 # Options
 
 

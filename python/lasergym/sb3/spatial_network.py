@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -110,4 +109,11 @@ class CorrectionNet(nn.Module):
             KeyError: A tensor is missing.
             RuntimeError: A tensor has another shape.
         """
-        self.load_state_dict({name: tensors[name].to(torch.float32) for name in self.state_dict()})
+        taken = {}
+        for name, own in self.state_dict().items():
+            tensor = tensors[name].to(own.device, own.dtype)
+            scale = tensors.get(f"{name}.scale")  # Of weights stored as bytes.
+            if scale is not None:
+                tensor = tensor * scale.to(own.device, own.dtype)[:, None, None, None]
+            taken[name] = tensor
+        self.load_state_dict(taken)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pickle
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,20 +13,22 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3.common.policies import BasePolicy
+from safetensors import SafetensorError
+from safetensors.torch import load_file
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from lasergym.envs.settings import CHANNELS
 from lasergym.errors import LasergymError
-from lasergym.sb3 import thinned
+from lasergym.sb3 import SpatialPolicy, thinned
 from lasergym.targets import SIZE_PX
 from lasergym.training.checkpoints import CONFIG_FILE, MODEL_FILE, NORMALISER_FILE, latest_model
 from lasergym.training.config import Observation, TaskConfig, TrainingConfig
 from lasergym.training.environments import make_environments, normalised
 from lasergym.training.policies import policy_arguments, policy_class
 
-__all__ = ["Agent", "AgentError", "load_agent"]
+__all__ = ["Agent", "AgentError", "load_agent", "load_weights"]
 
 
 class AgentError(LasergymError, ValueError):
@@ -49,11 +53,15 @@ class Agent:
     normaliser: VecNormalize | None = None
     task: TaskConfig | None = None
 
-    def act(self, observations: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def act(
+        self, observations: NDArray[np.uint8], max_pulses: int | None = None
+    ) -> NDArray[np.float32]:
         """The most probable actions, within [-1, 1].
 
         Args:
             observations: As the environments give them, shape (n, channels, 100, 100).
+            max_pulses: Pulse budget of these environments, for a policy that counts the pulses
+                left; None is the budget of its training.
 
         Returns:
             Actions, float32 of shape (n, 2).
@@ -61,8 +69,22 @@ class Agent:
         seen: Any = thinned(observations, self.thinning)
         if self.normaliser is not None:
             seen = self.normaliser.normalize_obs(seen)
-        actions, _ = self.policy.predict(seen, deterministic=True)
+        with _budget(self.policy, max_pulses):
+            actions, _ = self.policy.predict(seen, deterministic=True)
         return actions.astype(np.float32)
+
+
+@contextmanager
+def _budget(policy: Any, max_pulses: int | None) -> Iterator[None]:
+    """Lets a policy that counts pulses count those of another budget."""
+    if max_pulses is None or not isinstance(policy, SpatialPolicy):
+        yield
+        return
+    kept, policy.max_pulses = policy.max_pulses, max_pulses
+    try:
+        yield
+    finally:
+        policy.max_pulses = kept
 
 
 def load_agent(path: str | Path) -> Agent:
@@ -78,8 +100,42 @@ def load_agent(path: str | Path) -> Agent:
         ConfigError: The configuration of the run is damaged.
     """
     path = Path(path)
-    try:
+    with _reading(path):
         return _of_run(path) if path.is_dir() else _of_model(path)
+
+
+def load_weights(policy: ActorCriticPolicy, path: str | Path) -> None:
+    """Gives a policy the weights of another; no code of the file is run.
+
+    Args:
+        policy: The policy.
+        path: The folder of a run or the ``.zip`` of a model with the same networks; for
+            :class:`lasergym.sb3.SpatialPolicy` also an exported ``.safetensors``, which holds the
+            network alone.
+
+    Raises:
+        AgentError: There are no such weights, or they are of other networks.
+    """
+    path = Path(path)
+    with _reading(path):
+        if path.suffix == ".safetensors":
+            if not isinstance(policy, SpatialPolicy):
+                raise AgentError(f'{path} holds no value: take a run or a .zip, or "spatial"')
+            if not path.exists():
+                raise FileNotFoundError(path)
+            policy.network.load_exported(load_file(path))
+            return
+        model = latest_model(path) if path.is_dir() else path
+        if model is None:
+            raise AgentError(f"{path} holds no {MODEL_FILE} and no checkpoint yet")
+        policy.load_state_dict(_weights(model))
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Says of what is wrong with a file that the file is."""
+    try:
+        yield
     except FileNotFoundError as error:
         raise AgentError(f"there is no model {path}") from error
     except LasergymError:
@@ -87,6 +143,7 @@ def load_agent(path: str | Path) -> Agent:
     except (
         zipfile.BadZipFile,
         pickle.UnpicklingError,
+        SafetensorError,
         RuntimeError,
         ValueError,
         KeyError,

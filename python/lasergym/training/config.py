@@ -144,10 +144,14 @@ class PolicyConfig:
 
     Attributes:
         kind: ``"mlp"``, ``"cnn"`` or ``"spatial"``.
-        hidden_layers: Widths of the hidden layers; of ``"cnn"`` those after its convolutions.
-        activation: What follows each hidden layer.
+        hidden_layers: Widths of the hidden layers; of ``"cnn"`` those after its convolutions. Not
+            for ``"spatial"``.
+        activation: What follows each hidden layer. Not for ``"spatial"``.
         initial_log_std: Logarithm of the standard deviation that the actions begin with; −1.5 is
             11 px. Not for ``"spatial"``.
+        initial_policy: Weights that training begins with: the folder of a run or the ``.zip`` of a
+            model with the same networks; for ``"spatial"`` also an exported ``.safetensors``, which
+            leaves value and temperature as they are. None begins anew.
         arguments: Further keyword arguments of the policy class, as they are.
     """
 
@@ -155,6 +159,7 @@ class PolicyConfig:
     hidden_layers: tuple[int, ...] = ()
     activation: Activation = Activation.RELU
     initial_log_std: float = -1.5
+    initial_policy: str | None = None
     arguments: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -165,6 +170,8 @@ class PolicyConfig:
             raise ConfigError(
                 f"policy.initial_log_std is {self.initial_log_std}, but must be from -20 to 2"
             )
+        if self.kind is PolicyKind.SPATIAL and self.hidden_layers:
+            raise ConfigError('policy.hidden_layers is not for "spatial": leave it out')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -353,6 +360,17 @@ class TrainingConfig:
                 f"evaluation.planners fire pulses of {PULSE_RADIUS_PX:g} px, but "
                 f"task.pulse_radius_px is {self.task.pulse_radius_px:g}: leave them out"
             )
+        if self.policy.kind is PolicyKind.SPATIAL:
+            task = self.task
+            if (task.observation, task.thinning) != (Observation.LAYERS, 1):
+                raise ConfigError(
+                    'policy.kind "spatial" sees task.observation "layers" with task.thinning 1, '
+                    f'but they are "{task.observation.value}" and {task.thinning}'
+                )
+            if task.normalise_observations:
+                raise ConfigError(
+                    'policy.kind "spatial" counts pixels: leave out task.normalise_observations'
+                )
         if self.method.phases[-1] is Phase.PPO:
             ppo = self.method.ppo
             samples = ppo.steps_per_environment * self.task.environments

@@ -224,7 +224,7 @@ def _machine(
     over = np.zeros(len(made), np.bool_)
     trajectories: list[list[NDArray[np.float64]]] = [[] for _ in made]
     while not over.all():
-        actions = agent.act(observations)
+        actions = agent.act(observations, max_pulses)
         for index in np.flatnonzero(~over):
             trajectories[index].append(50.0 * (1.0 + actions[index].astype(np.float64)))
         # Those that are over begin another episode, which nobody looks at.

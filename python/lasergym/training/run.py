@@ -24,6 +24,7 @@ from lasergym.comparison.options import CompareOptions
 from lasergym.comparison.work import WorkItem, derive_seed, run_item
 from lasergym.errors import MissingExtraError
 from lasergym.sb3 import SelfImitation
+from lasergym.training.agents import load_weights
 from lasergym.training.checkpoints import (
     CONFIG_FILE,
     MODEL_FILE,
@@ -129,6 +130,7 @@ def train(
 
     Raises:
         ConfigError: The folder holds something, or the configuration names what there is not.
+        AgentError: The initial policy cannot be read or has other networks.
         MissingExtraError: Matplotlib or TensorBoard is needed and not installed.
         KeyboardInterrupt: Ctrl-C; a checkpoint of the moment is kept.
     """
@@ -136,7 +138,8 @@ def train(
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ConfigError(f"{folder} exists and is not empty: go on with --resume, or give another")
     _check_extras(config, pictures)
-    policy_class(config.policy.kind)
+    if config.policy.initial_policy is not None and not Path(config.policy.initial_policy).exists():
+        raise ConfigError(f"policy.initial_policy: there is no {config.policy.initial_policy}")
     folder.mkdir(parents=True, exist_ok=True)
     _write_json(folder / CONFIG_FILE, config.as_table())
     run = _Run(config, folder, None, progress)
@@ -230,6 +233,8 @@ class _Run:
         if checkpoint is not None and venv is not stopwatch:
             venv = load_normaliser(checkpoint, stopwatch)
         self.model = make_model(config, venv, seed)
+        if checkpoint is None and config.policy.initial_policy is not None:
+            load_weights(self.model.policy, config.policy.initial_policy)
         options = config.method.self_imitation
         imitation = None if options is None else SelfImitation(options, config.run.seed)
         if checkpoint is not None:
