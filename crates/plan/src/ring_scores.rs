@@ -87,7 +87,7 @@ impl RingScores {
             }
             let largest = scores.iter().fold(f32::NEG_INFINITY, |a, &b| if b > a { b } else { a });
             if largest > best.0 {
-                let column = scores.iter().position(|&score| score == largest);
+                let column = scores.iter().position(|&score| score >= largest);
                 best = (largest, row, column.unwrap_or(0));
             }
         }

@@ -75,7 +75,7 @@ pub(super) fn best_position(
             let value_px = state.gain_px(position) as f32
                 + corrections.between(from_candidate.x, from_candidate.y);
             let nearness = -(down * down + right * right);
-            if value_px > best.0 || (value_px == best.0 && nearness > best.1) {
+            if (value_px, nearness) > (best.0, best.1) {
                 best = (value_px, nearness, position);
             }
         }

@@ -8,25 +8,20 @@ use crate::PlanError;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Decision {
-    /// The network reads the observation of the environment and gives the action.
+    /// The network reads the observation of the environment, of one channel (remaining target) or
+    /// three (layers), and gives the action.
     Direct {
-        /// What the observation shows.
-        observation: ObservationKind,
-        /// Pulses of a whole episode in training, at least 1; shown in the observation `layers`.
+        /// Pulses of a whole episode in training, at least 1; shown in the layers. Default 45.
+        #[serde(default = "paper_pulses")]
         max_pulses: u32,
     },
     /// The network reads the view about the place of best ring score and corrects the scores there.
     Spatial(SpatialDecision),
 }
 
-/// What an observation shows, by the names of the environments.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ObservationKind {
-    /// Remaining target.
-    Remaining,
-    /// Remaining target, forbidden ground, pulses left.
-    Layers,
+/// The budget of the paper.
+fn paper_pulses() -> u32 {
+    45
 }
 
 /// Settings of a spatial policy.
@@ -55,7 +50,7 @@ impl Decision {
         let invalid =
             |name, value: String, expected| Err(PlanError::InvalidOption { name, value, expected });
         match self {
-            Self::Direct { max_pulses: 0, .. } => {
+            Self::Direct { max_pulses: 0 } => {
                 invalid("max_pulses of the policy", "0".to_owned(), "at least 1")
             }
             Self::Direct { .. } => Ok(()),
@@ -86,13 +81,14 @@ mod tests {
 
     #[test]
     fn decisions_read_back_from_json() {
-        for decision in [
-            Decision::Direct { observation: ObservationKind::Layers, max_pulses: 45 },
-            Decision::Spatial(SpatialDecision::default()),
-        ] {
+        for decision in
+            [Decision::Direct { max_pulses: 40 }, Decision::Spatial(SpatialDecision::default())]
+        {
             let text = serde_json::to_string(&decision).unwrap();
             assert_eq!(serde_json::from_str::<Decision>(&text).unwrap(), decision);
         }
+        let decision: Decision = serde_json::from_str(r#"{"kind": "direct"}"#).unwrap();
+        assert_eq!(decision, Decision::Direct { max_pulses: 45 });
         let text = r#"{"kind": "spatial", "ring_weight": 0.35, "polish_px": 0.5}"#;
         let decision: Decision = serde_json::from_str(text).unwrap();
         assert_eq!(decision, Decision::Spatial(SpatialDecision::default()));
@@ -100,7 +96,7 @@ mod tests {
 
     #[test]
     fn settings_out_of_range_are_named() {
-        let direct = Decision::Direct { observation: ObservationKind::Remaining, max_pulses: 0 };
+        let direct = Decision::Direct { max_pulses: 0 };
         let ring = Decision::Spatial(SpatialDecision { ring_weight: 1.1, polish_px: 0.5 });
         let polish = Decision::Spatial(SpatialDecision { ring_weight: 0.5, polish_px: f64::NAN });
         for (decision, name) in

@@ -9,7 +9,7 @@ use lasergym_policy::{Network, Scratch};
 use crate::{Job, JobState, PlanError};
 
 use super::corrections::{Corrections, best_position};
-use super::decision::{Decision, ObservationKind};
+use super::decision::Decision;
 use super::view::{VIEW_LEN, write_view};
 
 /// A trained policy: one forward pass of its network decides one pulse. It is immutable: threads
@@ -56,7 +56,7 @@ impl PolicyAgent {
             .map_err(|error| refused(error.to_string()))?;
         decision.validate()?;
         let (input, output) = match decision {
-            Decision::Direct { observation, .. } => (observation.mode().len(), 2),
+            Decision::Direct { .. } => (mode_of(&network).len(), 2),
             Decision::Spatial(_) => (VIEW_LEN, Corrections::LEN),
         };
         if (network.input().values(), network.output().values()) != (input, output) {
@@ -92,7 +92,7 @@ impl PolicyAgent {
     #[must_use]
     pub fn memory(&self) -> AgentMemory {
         let observation_len = match self.decision {
-            Decision::Direct { observation, .. } => observation.mode().len(),
+            Decision::Direct { .. } => mode_of(&self.network).len(),
             Decision::Spatial(_) => 0,
         };
         AgentMemory {
@@ -110,9 +110,10 @@ impl PolicyAgent {
     pub fn decide(&self, state: &JobState, memory: &mut AgentMemory) -> Result<Point, PlanError> {
         let AgentMemory { scratch, view, observation } = memory;
         match self.decision {
-            Decision::Direct { observation: kind, max_pulses } => {
+            Decision::Direct { max_pulses } => {
                 let left = u32::try_from(state.pulses_left()).unwrap_or(u32::MAX);
-                kind.mode().write_state(state.workpiece(), left, max_pulses, observation);
+                let mode = mode_of(&self.network);
+                mode.write_state(state.workpiece(), left, max_pulses, observation);
                 let action = self.network.act_bytes(observation, scratch)?;
                 Ok(position_px([action[0], action[1]]))
             }
@@ -142,12 +143,11 @@ impl PolicyAgent {
     }
 }
 
-impl ObservationKind {
-    /// The observation of the environments.
-    pub(super) fn mode(self) -> ObservationMode {
-        match self {
-            Self::Remaining => ObservationMode::Remaining,
-            Self::Layers => ObservationMode::Layers,
-        }
+/// The observation that a network of as many channels reads.
+fn mode_of(network: &Network) -> ObservationMode {
+    if network.input().channels == ObservationMode::Layers.channels() {
+        ObservationMode::Layers
+    } else {
+        ObservationMode::Remaining
     }
 }

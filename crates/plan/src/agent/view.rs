@@ -107,14 +107,15 @@ mod tests {
                     } else {
                         [0.0; 4]
                     };
-                    prop_assert_eq!(seen, expected);
+                    prop_assert_eq!(seen.map(f32::to_bits), expected.map(f32::to_bits));
                 }
             }
             let constants = &view[16 * VIEW_SIZE * VIEW_SIZE..];
             let area_px = state.workpiece().remaining().area_px() as f32;
             let (first, second) = constants.split_at(VIEW_SIZE * VIEW_SIZE);
-            prop_assert!(first.iter().all(|&v| v == 44.0 / 45.0));
-            prop_assert!(second.iter().all(|&v| v == area_px / (250.0 * 44.0)));
+            let all = |plane: &[f32], value: f32| plane.iter().all(|v| v.to_bits() == value.to_bits());
+            prop_assert!(all(first, 44.0 / 45.0));
+            prop_assert!(all(second, area_px / (250.0 * 44.0)));
         }
     }
 }
