@@ -1,9 +1,10 @@
 """CMA-ES against the package ``cma``, to the same reward on the static star.
 
-Run ``python training/race_cma_es.py``; it needs ``pip install cma``. Both start around random places
-on the target with steps of 10 px and a population of 40, both are restarted with twice the
-population when they have converged, and both are judged by ``lasergym.score``'s own scorer: ours
-inside one call of ``lasergym.plan``, ``cma`` candidate by candidate. They take turns, seed by seed.
+Run ``python training/race_cma_es.py``; it needs ``pip install cma``. Both start around random
+places on the target with steps of 10 px and a population of 40, both are restarted with twice the
+population when they have converged, and both are judged by the same scorer: ours inside one call of
+``lasergym.plan``, ``cma`` candidate by candidate by ``lasergym.score``. They take turns, seed by
+seed.
 """
 
 from __future__ import annotations

@@ -11,12 +11,14 @@ from lasergym import envs, errors, programs, render, targets
 from lasergym.cma_es import CmaEs
 from lasergym.errors import LasergymError
 from lasergym.planners import Plan, PlannerName, Score, plan, score, shortest_order
+from lasergym.policy import Policy
 
 __all__ = [
     "CmaEs",
     "LasergymError",
     "Plan",
     "PlannerName",
+    "Policy",
     "Score",
     "envs",
     "errors",

@@ -113,6 +113,10 @@ class PlanError(LasergymError, ValueError):
     """A plan cannot be made."""
 
 
+class PolicyError(LasergymError, ValueError):
+    """A policy file is damaged, unknown or does not fit."""
+
+
 class OptimiserError(LasergymError, ValueError):
     """CMA-ES cannot start or go on."""
 

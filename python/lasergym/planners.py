@@ -5,14 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lasergym import _native
-from lasergym.errors import PositionError
+from lasergym.errors import OptionError, PositionError
 from lasergym.options import LARGEST_SEED, integer_in
+from lasergym.policy import Policy
 from lasergym.targets import SIZE_PX, TargetLike, as_target
 
 __all__ = [
@@ -26,8 +28,9 @@ __all__ = [
     "shortest_order",
 ]
 
-PlannerName: TypeAlias = Literal["raster", "raster-fine", "greedy", "anneal", "cma-es"]
-"""Names of the planners: raster scan with pitch √2 r and r, greedy, annealing, CMA-ES."""
+PlannerName: TypeAlias = Literal["raster", "raster-fine", "greedy", "policy", "anneal", "cma-es"]
+"""Names of the planners: raster scan with pitch √2 r and r, greedy, a trained policy, annealing,
+CMA-ES."""
 
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
 """All planners, the fastest first."""
@@ -134,6 +137,7 @@ def plan(
     restarts: int = 1,
     start: ArrayLike | None = None,
     forbidden: NDArray[np.bool_] | None = None,
+    policy: Policy | str | Path | None = None,
     progress: ProgressCallback | None = None,
 ) -> Plan:
     """Plans pulses for a target.
@@ -141,8 +145,9 @@ def plan(
     Args:
         target: A Boolean array of shape (100, 100) or the name of a PNG, JPEG, SVG or DXF file.
         planner: ``"raster"`` (grid of pitch √2 r), ``"raster-fine"`` (grid of pitch r),
-            ``"greedy"`` (each pulse where it gains most, refined below the pixel), ``"anneal"``
-            (all pulses together, the best there is) or ``"cma-es"`` (the optimiser of Xie et al.).
+            ``"greedy"`` (each pulse where it gains most, refined below the pixel), ``"policy"`` (a
+            trained policy), ``"anneal"`` (all pulses together, the best there is) or ``"cma-es"``
+            (the optimiser of Xie et al.).
         max_pulses: Most pulses that may be used, from 1 to 10 000. Raster scans use as many as
             their grid has cells.
         pulse_radius_px: Radius of the disc that one pulse machines, px, in (0, 50].
@@ -156,6 +161,7 @@ def plan(
         forbidden: Pristine pixels that must stay, where the workpiece is partly machined already;
             then ``target`` is what remains, and all other pixels are free. Default: all pixels
             beside the target.
+        policy: The policy of the planner ``"policy"``, or the name of its file.
         progress: Called now and then with (fraction done, best reward); returning True stops the
             planner.
 
@@ -167,8 +173,13 @@ def plan(
         OptionError: An option is outside its range.
         TargetError: The target is empty, full or of the wrong shape.
         DrawingError: The drawing cannot be read.
+        PolicyError: The policy cannot be read.
     """
     remaining = as_target(target)
+    if (planner == "policy") != (policy is not None):
+        raise OptionError("the planner policy needs policy=FILE, and only it takes one")
+    if isinstance(policy, str | Path):
+        policy = Policy.load(policy)
     settings = {
         "planner": planner,
         "pulse_radius_px": pulse_radius_px,
@@ -181,6 +192,7 @@ def plan(
         "threads": integer_in("threads", threads, 1, 1024),
         "restarts": integer_in("restarts", restarts, 1, 10_000),
         "start": None if start is None else positions(start),
+        "policy": None if policy is None else policy.native,
     }
     started_s = time.perf_counter()
     xy_px, reward, machined_fraction, off_target_fraction, partial = _native.plan(

@@ -11,9 +11,11 @@ mod environment;
 mod errors;
 mod pictures;
 mod planners;
+mod policy;
 mod programs;
 mod settings;
 mod targets;
+mod teacher;
 
 /// Native half of the Python package `lasergym`.
 #[pyo3::pymodule]
@@ -31,7 +33,11 @@ mod _native {
     #[pymodule_export]
     use crate::planners::{plan, shortest_order};
     #[pymodule_export]
+    use crate::policy::NativePolicy;
+    #[pymodule_export]
     use crate::programs::{read_csv, read_gcode, travel, write_csv, write_gcode};
     #[pymodule_export]
     use crate::targets::{random_shape, random_shape_areas, score, star};
+    #[pymodule_export]
+    use crate::teacher::NativeTeacher;
 }

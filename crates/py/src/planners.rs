@@ -6,8 +6,8 @@ use std::time::Duration;
 use lasergym_ablation::Workpiece;
 use lasergym_geom::Point;
 use lasergym_plan::{
-    Anneal, AnnealBudget, AnnealOptions, CmaEsBudget, CmaEsPlanner, Greedy, Job, PlanProgress,
-    Planner, PlannerKind, Raster, RasterPitch, shortest_order as order_by_travel,
+    AgentPlanner, Anneal, AnnealBudget, AnnealOptions, CmaEsBudget, CmaEsPlanner, Greedy, Job,
+    PlanProgress, Planner, PlannerKind, Raster, RasterPitch, shortest_order as order_by_travel,
 };
 use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
@@ -15,6 +15,7 @@ use pyo3::prelude::*;
 
 use crate::bitmaps::{bitmap_of, points_of, positions_of};
 use crate::errors::{ablation_error, option_error, plan_error};
+use crate::policy::NativePolicy;
 
 /// A plan: positions, shape (n, 2), px; reward; machined fraction; off-target fraction; whether it
 /// is partial.
@@ -33,6 +34,7 @@ pub(crate) struct PlanSettings<'py> {
     threads: i64,
     restarts: i64,
     start: Option<PyReadonlyArray2<'py, f64>>,
+    policy: Option<Bound<'py, NativePolicy>>,
 }
 
 impl PlanSettings<'_> {
@@ -44,6 +46,12 @@ impl PlanSettings<'_> {
             PlannerKind::Greedy => Box::new(Greedy::default()),
             PlannerKind::Anneal => Box::new(Anneal { options: self.anneal_options()? }),
             PlannerKind::CmaEs => Box::new(self.cma_es()?),
+            PlannerKind::Policy => {
+                let Some(policy) = &self.policy else {
+                    return Err(option_error("policy", "missing", "given for the planner policy"));
+                };
+                Box::new(AgentPlanner { agent: policy.get().agent() })
+            }
             other => return Err(option_error("planner", other, "one of those above")),
         })
     }

@@ -72,6 +72,10 @@ def compare(
             "--cma-es-iterations", help="Evaluations of CMA-ES instead of its time.", panel=_EFFORT
         ),
     ] = None,
+    policy: Annotated[
+        Path | None,
+        _option("--policy", help="File of the planner policy, .safetensors.", panel=_EFFORT),
+    ] = None,
     seed: Annotated[
         int, _option("--seed", help="Every item's seed derives from it.", panel=_EFFORT)
     ] = 0,
@@ -117,6 +121,7 @@ def compare(
         cma_es_s=cma_es_s,
         anneal_iterations=anneal_iterations,
         cma_es_iterations=cma_es_iterations,
+        policy=policy,
         seed=seed,
     )
     last = Progress(0, 0, None)

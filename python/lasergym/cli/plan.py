@@ -49,6 +49,9 @@ def plan(
     preview: Annotated[
         Path | None, _option("--preview", help="Write a picture of the plan, .png or .svg.")
     ] = None,
+    policy: Annotated[
+        Path | None, _option("--policy", help="File of the planner policy, .safetensors.")
+    ] = None,
     seed: Annotated[int, _option("--seed", help="Seed of anneal and cma-es.", panel=_SEARCH)] = 0,
     budget_s: Annotated[
         float | None,
@@ -164,9 +167,10 @@ def plan(
             iterations=iterations,
             threads=threads,
             restarts=restarts,
+            policy=policy,
             progress=lambda fraction, _reward: bar.show(fraction),
         )
-    if not keep_order:
+    if not keep_order and planner != "policy":
         made = made.ordered()
     report = judge(
         target, pattern, made, max_pulses=max_pulses, pixel_um=pixel_um, dynamics=dynamics

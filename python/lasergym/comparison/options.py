@@ -9,7 +9,7 @@ from lasergym import planners
 from lasergym.comparison.budget import PulseBudget
 from lasergym.comparison.columns import DEFAULT_PLANNERS, column_of
 from lasergym.comparison.tasks import TaskName
-from lasergym.errors import OptionError
+from lasergym.errors import OptionError, PolicyError
 
 __all__ = ["CompareOptions", "Effort"]
 
@@ -55,6 +55,7 @@ class CompareOptions:
         anneal_iterations: Instead of the time, Metropolis moves of ``"anneal"``, at least 1; then
             its results do not depend on the machine.
         cma_es_iterations: Instead of the time, evaluations of ``"cma-es"``, at least 1.
+        policy: File of the trained policy of the planner ``"policy"``.
         seed: The seed of every work item derives from this one, from 0 to 2⁶³ − 1.
     """
 
@@ -68,6 +69,7 @@ class CompareOptions:
     cma_es_s: float = 60.0
     anneal_iterations: int | None = None
     cma_es_iterations: int | None = None
+    policy: Path | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -95,8 +97,23 @@ class CompareOptions:
         ):
             if iterations is not None and not 1 <= iterations <= _MAX_ITERATIONS:
                 raise OptionError(f"{name} is {iterations}, but must be from 1 to 10**12")
+        if ("policy" in self.planners) != (self.policy is not None):
+            raise OptionError("the planner policy needs a policy file, and only it takes one")
         if not 0 <= self.seed <= _MAX_SEED:
             raise OptionError(f"seed is {self.seed}, but must be from 0 to 2**63 - 1")
+
+    def policy_content(self) -> bytes | None:
+        """The policy file.
+
+        Raises:
+            PolicyError: The file cannot be read.
+        """
+        if self.policy is None:
+            return None
+        try:
+            return self.policy.read_bytes()
+        except OSError as error:
+            raise PolicyError(f"{self.policy} cannot be read ({error.strerror})") from error
 
     def effort(self, planner: str) -> Effort:
         """How long a planner may work on a target."""

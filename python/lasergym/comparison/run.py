@@ -162,6 +162,8 @@ def _settings(options: CompareOptions, targets: Sequence[TaskTarget]) -> dict[st
     """All that decides the results; drawings by what is in them, not by where they are."""
     timed = [planner for planner in options.planners if column_of(planner).timed]
     tasks = list(dict.fromkeys(made.task for made in targets))
+    policy = options.policy_content()
+    learned = {} if policy is None else {"policy": _content_digest(policy)}
     return {
         "tasks": tasks,
         "targets": {task: _digest(made for made in targets if made.task == task) for task in tasks},
@@ -172,7 +174,12 @@ def _settings(options: CompareOptions, targets: Sequence[TaskTarget]) -> dict[st
         "effort": {planner: str(options.effort(planner)) for planner in timed},
         "seed": options.seed,
         "version": lasergym.__version__,
+        **learned,
     }
+
+
+def _content_digest(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
 
 
 def _digest(targets: Iterable[TaskTarget]) -> str:

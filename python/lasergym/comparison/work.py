@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from hashlib import blake2b
 from typing import Any, TypeAlias, cast
 
@@ -13,6 +14,7 @@ from lasergym.comparison.options import CompareOptions, Effort
 from lasergym.comparison.tasks import TaskTarget
 from lasergym.errors import LasergymError, PlanError
 from lasergym.planners import PlannerName
+from lasergym.policy import Policy
 from lasergym.targets import SIZE_PX
 
 __all__ = ["PULSE_RADIUS_PX", "ItemKey", "Row", "WorkItem", "derive_seed", "run_item", "work_items"]
@@ -40,6 +42,7 @@ class WorkItem:
         max_pulses: Most pulses that may be used.
         effort: How long the planner works.
         bits: The target, eight pixels a byte, row by row; 1250 bytes.
+        policy: Content of the policy file, for the planner ``"policy"``.
     """
 
     task: str
@@ -49,6 +52,7 @@ class WorkItem:
     max_pulses: int
     effort: Effort
     bits: bytes
+    policy: bytes | None = None
 
     @property
     def key(self) -> ItemKey:
@@ -108,6 +112,7 @@ class Row:
 
 def work_items(options: CompareOptions, made: TaskTarget) -> Iterator[WorkItem]:
     """The items of one target, a planner each."""
+    policy = options.policy_content()
     for planner in options.planners:
         yield WorkItem(
             made.task,
@@ -117,7 +122,13 @@ def work_items(options: CompareOptions, made: TaskTarget) -> Iterator[WorkItem]:
             made.max_pulses,
             options.effort(planner),
             made.bits,
+            policy if planner == "policy" else None,
         )
+
+
+@lru_cache(maxsize=4)
+def _policy(content: bytes) -> Policy:
+    return Policy.from_bytes(content)
 
 
 def derive_seed(seed: int, task: str, target: str, planner: str) -> int:
@@ -146,6 +157,8 @@ def run_item(item: WorkItem, stop: Callable[[], bool] | None = None) -> Row | No
     if column.timed:
         settings["budget_s"] = item.effort.budget_s
         settings["iterations"] = item.effort.iterations
+    if item.policy is not None:
+        settings["policy"] = _policy(item.policy)
     if stop is not None:
         settings["progress"] = lambda _fraction, _reward: stop()
     target = np.unpackbits(np.frombuffer(item.bits, np.uint8)).reshape(SIZE_PX, SIZE_PX) > 0

@@ -1,0 +1,307 @@
+"""Learning corrections of the ring score from what a planner says about candidates."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from lasergym.errors import OptionError
+from lasergym.sb3.spatial_network import CorrectionNet
+from lasergym.training.teacher import CORRECTION_REACH_PX, Lesson, Teacher, TeacherTask
+
+__all__ = ["CorrectionLearner", "CorrectionOptions", "Progress", "lesson_loss", "symmetric"]
+
+_LEARNT = ("views", "offsets", "scores_px", "values_px")
+
+
+@dataclass(frozen=True)
+class CorrectionOptions:
+    """Settings of a training; together with the seed they determine it.
+
+    Attributes:
+        tasks: Targets to learn from, in turn.
+        updates: Updates of the network, at least 1.
+        updates_per_lesson: Updates between two pulses of all jobs, at least 1.
+        jobs: Jobs of each task that go on side by side, at least 1.
+        candidates: Candidates judged for each pulse, at least 8.
+        moves: Metropolis moves for each candidate.
+        batch_size: Samples of an update, each a view with all its candidates.
+        capacity: Samples that are kept to learn from; 30 kB each.
+        learning_rate: At the beginning; it falls to 1 % along a cosine.
+        channels: Width of the network.
+        seed: Seed of network, jobs and batches.
+    """
+
+    tasks: tuple[TeacherTask, ...] = (TeacherTask.RANDOM_SHAPE,)
+    updates: int = 6000
+    updates_per_lesson: int = 14
+    jobs: int = 256
+    candidates: int = 14
+    moves: int = 3000
+    batch_size: int = 128
+    capacity: int = 60_000
+    learning_rate: float = 2e-3
+    channels: int = 32
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the ranges.
+
+        Raises:
+            OptionError: A figure is outside its range.
+        """
+        least = {"candidates": 8, "seed": 0}
+        for name, value in asdict(self).items():
+            if name != "tasks" and value < least.get(name, 1) and name != "learning_rate":
+                raise OptionError(f"{name} is {value}, but must be at least {least.get(name, 1)}")
+        if not self.tasks:
+            raise OptionError("tasks is empty: name at least one")
+        if not 0 < self.learning_rate < 1:
+            raise OptionError(f"learning_rate is {self.learning_rate}, but must be in (0, 1)")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a training has come.
+
+    Attributes:
+        updates: Updates done.
+        samples: Samples made so far.
+        loss: Running mean of the loss.
+        regret_px: What the policy's choices gave away against the best candidate, px, on average
+            over the last lesson.
+        heuristic_regret_px: The same of the places of best ring score.
+        returns: Gain over area of the jobs that have ended since the last report.
+        teaching_s: Time spent on lessons so far, s.
+        elapsed_s: Time so far, s.
+    """
+
+    updates: int
+    samples: int
+    loss: float
+    regret_px: float
+    heuristic_regret_px: float
+    returns: tuple[float, ...]
+    teaching_s: float
+    elapsed_s: float
+
+
+def symmetric(views: Tensor, offsets: Tensor, symmetry: int) -> tuple[Tensor, Tensor]:
+    """Views and offsets mirrored and turned.
+
+    Args:
+        views: Shape (batch, 18, 28, 28).
+        offsets: Rows and columns, shape (batch, candidates, 2).
+        symmetry: One of the eight symmetries of the square, 0 (none) to 7.
+
+    Returns:
+        Both, in the shapes they had. The view's first row or column is 0 where its mirror image
+        would lie beyond it.
+    """
+    pixels = functional.pixel_shuffle(views[:, :16], 2)
+    offsets = offsets.clone()
+    for axis, bit in ((1, 1), (0, 2)):
+        if symmetry & bit:
+            # The candidate lies in row and column 28 of 56, one past the middle.
+            mirrored = pixels.flip(axis + 2).roll(1, axis + 2)
+            mirrored.select(axis + 2, 0).zero_()
+            pixels = mirrored
+            offsets[..., axis] *= -1
+    if symmetry & 4:
+        pixels, offsets = pixels.transpose(2, 3), offsets.flip(-1)
+    return torch.cat([functional.pixel_unshuffle(pixels, 2), views[:, 16:]], 1), offsets
+
+
+def lesson_loss(
+    corrections_px: Tensor, offsets: Tensor, scores_px: Tensor, values_px: Tensor
+) -> Tensor:
+    """How far corrected scores are from what candidates are worth, up to a constant for each view.
+
+    Candidates count less the more they cost, exp(−cost / 12 px) + 0.02; errors count by the smooth
+    L1 loss with a bend at 4 px, since values are uncertain by a few pixels.
+
+    Args:
+        corrections_px: Shape (batch, 17, 17), px.
+        offsets: Candidates, shape (batch, candidates, 2).
+        scores_px: Their ring scores, shape (batch, candidates), px.
+        values_px: Their values, shape (batch, candidates), px.
+
+    Returns:
+        The mean loss, a scalar.
+    """
+    batch = torch.arange(len(offsets))[:, None]
+    cells = offsets + CORRECTION_REACH_PX
+    corrected_px = scores_px + corrections_px[batch, cells[..., 0], cells[..., 1]]
+    weights = torch.exp((values_px - values_px.amax(1, keepdim=True)) / 12.0) + 0.02
+    weights = weights / weights.sum(1, keepdim=True)
+    errors_px = corrected_px - values_px
+    errors_px = errors_px - (weights * errors_px).sum(1, keepdim=True)
+    bent = functional.smooth_l1_loss(
+        errors_px, torch.zeros_like(errors_px), reduction="none", beta=4.0
+    )
+    return (weights * bent).sum(1).mean()
+
+
+class _Samples:
+    """The last samples of all lessons."""
+
+    def __init__(self, capacity: int, candidates: int) -> None:
+        shapes = {
+            "views": ((18, 28, 28), np.float16),
+            "offsets": ((candidates, 2), np.int8),
+            "scores_px": ((candidates,), np.float32),
+            "values_px": ((candidates,), np.float32),
+        }
+        self._arrays: dict[str, Any] = {
+            name: np.empty((capacity, *shape), kind) for name, (shape, kind) in shapes.items()
+        }
+        self._capacity = capacity
+        self.made = 0
+
+    def add(self, lesson: Lesson) -> None:
+        places = (self.made + np.arange(len(lesson.views))) % self._capacity
+        for name in _LEARNT:
+            self._arrays[name][places] = getattr(lesson, name)
+        self.made += len(lesson.views)
+
+    def draw(self, generator: np.random.Generator, count: int) -> tuple[Tensor, ...]:
+        chosen = generator.integers(min(self.made, self._capacity), size=count)
+        views, offsets, scores_px, values_px = (
+            torch.from_numpy(self._arrays[name][chosen]) for name in _LEARNT
+        )
+        return views.float(), offsets.long(), scores_px, values_px
+
+
+class CorrectionLearner:
+    """A network that learns on the jobs that it does itself."""
+
+    def __init__(self, options: CorrectionOptions) -> None:
+        """Makes network and jobs."""
+        torch.manual_seed(options.seed)
+        self.options = options
+        self.network = CorrectionNet(options.channels)
+        self.network.to(memory_format=torch.channels_last)
+        self.optimiser = torch.optim.AdamW(
+            self.network.parameters(), lr=options.learning_rate, weight_decay=1e-3
+        )
+        self.updates = 0
+        self._generator = np.random.default_rng(options.seed)
+        self._samples = _Samples(options.capacity, options.candidates)
+        self._loss = 0.0
+        self._teaching_s = 0.0
+        self._elapsed_s = 0.0
+        self._teachers = self._begin_jobs()
+
+    def learn(
+        self, report: Callable[[Progress], None], checkpoint: Path | None = None, every: int = 20
+    ) -> None:
+        """Trains to the end.
+
+        Args:
+            report: Told after every ``every`` lessons.
+            checkpoint: Written before every report, whole or not at all.
+            every: Lessons between two reports.
+        """
+        began_s = time.perf_counter() - self._elapsed_s
+        returns: list[float] = []
+        lessons = 0
+        while self.updates < self.options.updates:
+            teacher = self._teachers[lessons % len(self._teachers)]
+            taught_s = time.perf_counter()
+            lesson, ended = self._lesson(teacher)
+            self._teaching_s += time.perf_counter() - taught_s
+            returns += ended
+            left = self.options.updates - self.updates
+            for _ in range(min(self.options.updates_per_lesson, left)):
+                self._update()
+            lessons += 1
+            self._elapsed_s = time.perf_counter() - began_s
+            if lessons % every == 0 or self.updates == self.options.updates:
+                if checkpoint is not None:
+                    self.save(checkpoint)
+                best_px = lesson.values_px.max(1)
+                report(
+                    Progress(
+                        self.updates,
+                        self._samples.made,
+                        self._loss,
+                        float((best_px - lesson.values_px[:, 1]).mean()),
+                        float((best_px - lesson.values_px[:, 0]).mean()),
+                        tuple(returns),
+                        self._teaching_s,
+                        self._elapsed_s,
+                    )
+                )
+                returns = []
+
+    def save(self, path: Path) -> None:
+        """Writes network, optimiser and counts; the file is whole or not written."""
+        part = path.with_suffix(".part")
+        state = {
+            "network": self.network.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "updates": self.updates,
+            "made": self._samples.made,
+            "teaching_s": self._teaching_s,
+            "elapsed_s": self._elapsed_s,
+        }
+        torch.save(state, part)
+        part.replace(path)
+
+    def load(self, path: Path) -> None:
+        """Goes on from a checkpoint with fresh jobs; samples are made anew."""
+        state = torch.load(path, weights_only=True)
+        self.network.load_state_dict(state["network"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.updates = state["updates"]
+        self._teaching_s, self._elapsed_s = state["teaching_s"], state["elapsed_s"]
+        self._generator = np.random.default_rng((self.options.seed, self.updates))
+        self._teachers = self._begin_jobs()
+
+    def _begin_jobs(self) -> list[Teacher]:
+        options = self.options
+        # Seeds that neither other tasks nor continued trainings use.
+        first = options.seed * 50_000_000 + self.updates * 1000
+        return [
+            Teacher(task, options.jobs, first + 10_000_000 * k, options.moves)
+            for k, task in enumerate(options.tasks)
+        ]
+
+    def _lesson(self, teacher: Teacher) -> tuple[Lesson, list[float]]:
+        views = torch.from_numpy(teacher.observe())
+        with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+            corrections = self.network(views.contiguous(memory_format=torch.channels_last))
+        corrections_px = corrections.float().numpy()
+        lesson = teacher.teach(corrections_px, self.options.candidates)
+        self._samples.add(lesson)
+        ended = teacher.fire(corrections_px, lesson)
+        return lesson, ended[~np.isnan(ended)].tolist()
+
+    def _update(self) -> None:
+        options = self.options
+        done = self.updates / options.updates
+        warm = min(1.0, (self.updates + 1) / 100)
+        rate = options.learning_rate * warm * (0.01 + 0.99 * 0.5 * (1 + np.cos(np.pi * done)))
+        for group in self.optimiser.param_groups:
+            group["lr"] = float(rate)
+        views, offsets, scores_px, values_px = self._samples.draw(
+            self._generator, options.batch_size
+        )
+        views, offsets = symmetric(views, offsets, int(self._generator.integers(8)))
+        with torch.autocast("cpu", torch.bfloat16):
+            corrections = self.network(views.contiguous(memory_format=torch.channels_last))
+        loss = lesson_loss(corrections.float(), offsets, scores_px, values_px)
+        self.optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self.optimiser.step()
+        self.updates += 1
+        self._loss = loss.item() if self._loss == 0 else 0.98 * self._loss + 0.02 * loss.item()

@@ -1,0 +1,125 @@
+"""What the teacher says about candidates, and learning from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lasergym
+from lasergym.training.teacher import CORRECTION_REACH_PX, Teacher, TeacherTask
+
+NOTHING = np.zeros((4, 17, 17), np.float32)
+
+
+def teacher(task: TeacherTask = TeacherTask.RANDOM_SHAPE, seed: int = 3) -> Teacher:
+    return Teacher(task, 4, seed, moves=600)
+
+
+def test_candidates_begin_with_the_heuristic_the_policy_and_the_plan() -> None:
+    corrections = NOTHING.copy()
+    corrections[:, 3, 12] = 1e4
+    lesson = teacher().teach(corrections)
+    assert lesson.offsets.shape == (4, 14, 2)
+    assert np.abs(lesson.offsets).max() <= CORRECTION_REACH_PX
+    assert (lesson.offsets[:, 0] == 0).all()
+    assert (lesson.offsets[:, 1] == [3 - 8, 12 - 8]).all()
+    assert (lesson.scores_px[:, 0] >= lesson.scores_px[:, 1]).all()
+
+
+def test_values_are_bounded_by_the_area_and_the_plan_is_nearly_best() -> None:
+    room = teacher(TeacherTask.STAR)
+    lesson = room.teach(NOTHING)
+    area_px = int(lasergym.targets.star().sum())
+    assert (lesson.values_px <= area_px).all()
+    assert (lesson.values_px[:, 2] > 0.94 * area_px).all()
+    assert (lesson.values_px.max(1) - lesson.values_px[:, 2] < 15).all()
+
+
+def test_jobs_go_on_and_end_with_their_gain() -> None:
+    room = teacher()
+    ended: list[float] = []
+    for _ in range(60):
+        lesson = room.teach(NOTHING)
+        gains = room.fire(NOTHING, lesson, explore=0.0)
+        ended += gains[~np.isnan(gains)].tolist()
+    assert len(ended) >= 4
+    assert all(0.8 < gain < 1.0 for gain in ended)
+
+
+def test_the_same_seed_says_the_same() -> None:
+    one, other = (teacher(seed=9).teach(NOTHING) for _ in range(2))
+    assert (one.values_px == other.values_px).all()
+    assert (one.offsets == other.offsets).all()
+
+
+def test_held_out_seeds_are_refused() -> None:
+    with pytest.raises(lasergym.errors.OptionError, match="held out"):
+        Teacher(TeacherTask.RANDOM_SHAPE, 4, 2_000_000_000)
+
+
+torch = pytest.importorskip("torch")
+
+from lasergym.training.corrections import (  # noqa: E402
+    CorrectionLearner,
+    CorrectionOptions,
+    Progress,
+    lesson_loss,
+    symmetric,
+)
+
+SMALL = CorrectionOptions(updates=4, updates_per_lesson=2, jobs=4, batch_size=4, moves=100)
+
+
+@pytest.mark.parametrize("symmetry", range(8))
+def test_symmetries_move_pixels_as_they_move_offsets(symmetry: int) -> None:
+    views = torch.zeros(1, 18, 28, 28)
+    offset = torch.tensor([[[3, -6], [0, 0]]])
+
+    def channel(row: int, column: int) -> int:
+        return 8 + 2 * (row % 2) + column % 2
+
+    for row, column in offset[0]:
+        j, i = 28 + int(row), 28 + int(column)
+        views[0, channel(j, i), j // 2, i // 2] = 5 + abs(int(row))
+    turned, moved = symmetric(views, offset, symmetry)
+    for (row, column), (first, _) in zip(moved[0].tolist(), offset[0].tolist(), strict=True):
+        j, i = 28 + row, 28 + column
+        assert turned[0, channel(j, i), j // 2, i // 2] == 5 + abs(first)
+    assert turned.sum() == views.sum()
+
+
+def test_the_loss_is_zero_where_corrected_scores_differ_from_values_by_a_constant() -> None:
+    offsets = torch.tensor([[[0, 0], [2, 1], [-8, 8]]])
+    scores, values = torch.tensor([[10.0, 20.0, 5.0]]), torch.tensor([[4000.0, 4003.0, 3990.0]])
+    corrections = torch.zeros(1, 17, 17)
+    assert lesson_loss(corrections, offsets, scores, values) > 0
+    for (row, column), correction in zip(offsets[0].tolist(), values[0] - scores[0], strict=True):
+        corrections[0, row + 8, column + 8] = correction - 77.0
+    assert lesson_loss(corrections, offsets, scores, values) == 0
+
+
+def test_learning_lowers_the_loss_and_goes_on_after_a_kill(tmp_path: Path) -> None:
+    reports: list[Progress] = []
+    learner = CorrectionLearner(SMALL)
+    learner.learn(reports.append, tmp_path / "checkpoint.pt", every=1)
+    assert [report.updates for report in reports] == [2, 4]
+    longer = CorrectionOptions(**{**vars(SMALL), "updates": 6})
+    again = CorrectionLearner(longer)
+    again.load(tmp_path / "checkpoint.pt")
+    assert again.updates == 4
+    for name, value in learner.network.state_dict().items():
+        assert torch.equal(value, again.network.state_dict()[name])
+    again.learn(reports.append, every=1)
+    assert reports[-1].updates == 6
+
+
+def test_options_out_of_range_are_refused() -> None:
+    for name in ("updates", "jobs", "batch_size", "capacity", "channels", "learning_rate"):
+        with pytest.raises(lasergym.errors.OptionError, match=name):
+            CorrectionOptions(**{name: 0})
+    with pytest.raises(lasergym.errors.OptionError, match="candidates"):
+        CorrectionOptions(candidates=7)
+    with pytest.raises(lasergym.errors.OptionError, match="tasks"):
+        CorrectionOptions(tasks=())

@@ -1,0 +1,106 @@
+"""Trains a spatial policy on what the annealing planner says about its choices.
+
+Run ``python training/learn_corrections.py random_shape -o runs/random-shape``; it needs
+``pip install "lasergym[train]"``. The run can be killed at any time: the same command goes on from
+its last checkpoint. It leaves ``policy.safetensors`` and ``history.csv``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+import lasergym
+from lasergym.export import ExportedNetwork, write_network
+from lasergym.policy import Policy
+from lasergym.training.corrections import CorrectionLearner, CorrectionOptions, Progress
+from lasergym.training.teacher import TeacherTask
+
+VALIDATION_SEED = 1_990_000_000
+"""Shapes from here on are neither trained on nor those that results are published for."""
+
+
+def validate(policy: Policy, shapes: int) -> tuple[float, float]:
+    """Mean gain over area of the policy and of greedy on validation shapes."""
+    gains = []
+    for seed in range(VALIDATION_SEED, VALIDATION_SEED + shapes):
+        target = lasergym.targets.random_shape(seed=seed)
+        area_px = int(target.sum())
+        pulses = math.ceil(area_px / 125)
+        learned = lasergym.plan(target, "policy", policy=policy, max_pulses=pulses)
+        greedy = lasergym.plan(target, "greedy", max_pulses=pulses)
+        gains.append((learned.reward * 1e4 / area_px, greedy.reward * 1e4 / area_px))
+    ours, greedys = np.mean(gains, axis=0)
+    return float(ours), float(greedys)
+
+
+def export(learner: CorrectionLearner, path: Path, training: dict[str, object]) -> Policy:
+    """Writes the policy file and loads it as users do."""
+    layers, tensors = learner.network.exported_layers()
+    decision = {"kind": "spatial", "ring_weight": 0.35, "polish_px": 0.5}
+    network = ExportedNetwork((18, 28, 28), layers, tensors, decision=decision)
+    write_network(network, path, storage="bfloat16", training=training)
+    return Policy.load(path)
+
+
+def main() -> None:
+    """Trains, goes on where a checkpoint lies, and judges."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("tasks", nargs="+", choices=[task.value for task in TeacherTask])
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--updates", type=int, default=CorrectionOptions.updates)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
+    parser.add_argument("--shapes", type=int, default=200, help="validation shapes")
+    arguments = parser.parse_args()
+    torch.set_num_threads(arguments.threads)
+    tasks = tuple(TeacherTask(name) for name in arguments.tasks)
+    options = replace(
+        CorrectionOptions(), tasks=tasks, updates=arguments.updates, seed=arguments.seed
+    )
+    learner = CorrectionLearner(options)
+    folder: Path = arguments.output
+    folder.mkdir(parents=True, exist_ok=True)
+    checkpoint = folder / "checkpoint.pt"
+    if checkpoint.exists():
+        learner.load(checkpoint)
+    history = folder / "history.csv"
+
+    def report(progress: Progress) -> None:
+        row = asdict(progress) | {"returns": float(np.mean(progress.returns or [math.nan]))}
+        fresh = not history.exists()
+        with history.open("a", newline="") as file:
+            writer = csv.DictWriter(file, list(row))
+            if fresh:
+                writer.writeheader()
+            writer.writerow(row)
+        print(
+            f"{progress.updates:6} updates, loss {progress.loss:.3f}, regret "
+            f"{progress.regret_px:.2f} px (ring score {progress.heuristic_regret_px:.2f}), "
+            f"gain / area {row['returns']:.4f}, {progress.elapsed_s:.0f} s",
+            flush=True,
+        )
+
+    began_s = time.perf_counter()
+    learner.learn(report, checkpoint)
+    summary = {
+        "command": f"python training/learn_corrections.py {' '.join(arguments.tasks)} "
+        f"--updates {arguments.updates} --seed {arguments.seed}",
+        "updates": learner.updates,
+        "last_session_s": round(time.perf_counter() - began_s),
+    }
+    policy = export(learner, folder / "policy.safetensors", summary)
+    ours, greedy = validate(policy, arguments.shapes)
+    print(json.dumps(summary | {"policy": ours, "greedy": greedy, "shapes": arguments.shapes}))
+
+
+if __name__ == "__main__":
+    main()
