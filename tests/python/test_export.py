@@ -231,7 +231,7 @@ def test_a_policy_may_say_its_own_layers(tmp_path: Path) -> None:
     class Spatial:
         def exported(self) -> ExportedNetwork:
             module = nn.Conv2d(2, 1, 3, padding=1)
-            layers, tensors = trace_module(module, (2, 8, 8))
+            layers, tensors = trace_module(module)
             decision = {"kind": "spatial", "stride_px": 2}
             return ExportedNetwork((2, 8, 8), layers, tensors, decision=decision)
 

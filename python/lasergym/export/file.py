@@ -134,7 +134,7 @@ def export_module(
         What was written.
     """
     shape = check_input_shape(input_shape)
-    layers, tensors = trace_module(module, shape)
+    layers, tensors = trace_module(module)
     network = ExportedNetwork(
         shape,
         layers,

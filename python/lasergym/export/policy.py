@@ -99,7 +99,7 @@ def _actor(
     extractor = getattr(policy, "pi_features_extractor", policy.features_extractor)
     shape = check_input_shape(observations.shape)
     actor = nn.Sequential(extractor, policy.mlp_extractor.policy_net, policy.action_net)
-    layers, tensors = trace_module(actor, shape)
+    layers, tensors = trace_module(actor)
     image = policy.normalize_images and is_image_space(observations)
     scaling = ObservationScaling(
         name=str(((environment or {}).get("arguments") or {}).get("observation", "")),

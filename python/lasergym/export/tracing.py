@@ -38,7 +38,7 @@ _NO_OPERATIONS = {"contiguous", "float"}
 
 
 def trace_module(
-    module: nn.Module, input_shape: tuple[int, int, int]
+    module: nn.Module,
 ) -> tuple[tuple[ExportedLayer, ...], dict[str, torch.Tensor]]:
     """Follows one input through a module in evaluation mode.
 
@@ -48,7 +48,6 @@ def trace_module(
     Args:
         module: A module that takes one tensor (batch, channels, height, width), or (batch,
             channels) where height and width are 1.
-        input_shape: Channels, height, width.
 
     Returns:
         The layers and the tensors that they name.
@@ -63,7 +62,7 @@ def trace_module(
             f"{type(module).__name__} cannot be followed from input to output ({error}): "
             "its forward must not branch on values"
         ) from error
-    translation = _Translation(module, input_shape)
+    translation = _Translation(module)
     for node in graph.nodes:
         translation.add(node)
     return tuple(translation.layers), translation.tensors
@@ -72,9 +71,8 @@ def trace_module(
 class _Translation:
     """Layers and tensors so far, and what each node of the graph has become."""
 
-    def __init__(self, module: nn.Module, input_shape: tuple[int, int, int]) -> None:
+    def __init__(self, module: nn.Module) -> None:
         self.module = module
-        self.input_shape = input_shape
         self.layers: list[ExportedLayer] = []
         self.tensors: dict[str, torch.Tensor] = {}
         self._sources: dict[fx.Node, str] = {}

@@ -107,7 +107,7 @@ def write(folder: Path) -> None:
     torch.manual_seed(20)
     for name, (module, shape, storage) in families().items():
         module.eval()
-        layers, tensors = trace_module(module, shape)
+        layers, tensors = trace_module(module)
         scaling = ObservationScaling("bytes", 255.0)
         network = ExportedNetwork(shape, layers, tensors, scaling)
         write_network(network, folder / f"{name}.safetensors", storage=storage)
