@@ -19,19 +19,16 @@ import numpy as np
 import torch
 
 import lasergym
-from lasergym.export import ExportedNetwork, write_network
+from lasergym.export import write_network
 from lasergym.policy import Policy
 from lasergym.training.corrections import CorrectionLearner, CorrectionOptions, Progress
-from lasergym.training.teacher import TeacherTask
-
-VALIDATION_SEED = 1_990_000_000
-"""Shapes from here on are neither trained on nor those that results are published for."""
+from lasergym.training.teacher import FIRST_VALIDATION_SEED, TeacherTask
 
 
 def validate(policy: Policy, shapes: int) -> tuple[float, float]:
-    """Mean gain over area of the policy and of greedy on validation shapes."""
+    """Mean gain over area of the policy and of greedy on random shapes that nobody trains on."""
     gains = []
-    for seed in range(VALIDATION_SEED, VALIDATION_SEED + shapes):
+    for seed in range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + shapes):
         target = lasergym.targets.random_shape(seed=seed)
         area_px = int(target.sum())
         pulses = math.ceil(area_px / 125)
@@ -44,10 +41,7 @@ def validate(policy: Policy, shapes: int) -> tuple[float, float]:
 
 def export(learner: CorrectionLearner, path: Path, training: dict[str, object]) -> Policy:
     """Writes the policy file and loads it as users do."""
-    layers, tensors = learner.network.exported_layers()
-    decision = {"kind": "spatial", "ring_weight": 0.35, "polish_px": 0.5}
-    network = ExportedNetwork((18, 28, 28), layers, tensors, decision=decision)
-    write_network(network, path, storage="bfloat16", training=training)
+    write_network(learner.network.exported(), path, storage="bfloat16", training=training)
     return Policy.load(path)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import lasergym
-from lasergym.training.teacher import CORRECTION_REACH_PX, Teacher, TeacherTask
+from lasergym.training.spatial_decision import CORRECTION_REACH_PX
+from lasergym.training.teacher import FIRST_VALIDATION_SEED, Teacher, TeacherTask
 
 NOTHING = np.zeros((4, 17, 17), np.float32)
 
@@ -55,8 +56,31 @@ def test_the_same_seed_says_the_same() -> None:
 
 
 def test_held_out_seeds_are_refused() -> None:
+    Teacher(TeacherTask.RANDOM_SHAPE, 4, FIRST_VALIDATION_SEED - 4)
     with pytest.raises(lasergym.errors.OptionError, match="held out"):
-        Teacher(TeacherTask.RANDOM_SHAPE, 4, 2_000_000_000)
+        Teacher(TeacherTask.RANDOM_SHAPE, 4, FIRST_VALIDATION_SEED - 3)
+
+
+def test_too_few_jobs_and_candidates_are_refused() -> None:
+    with pytest.raises(lasergym.errors.OptionError, match="jobs"):
+        Teacher(TeacherTask.STAR, 0, 3)
+    with pytest.raises(lasergym.errors.OptionError, match="candidates"):
+        teacher().teach(NOTHING, candidates=7)
+
+
+def test_scores_are_those_of_the_observation() -> None:
+    """Gain and ring counted pixel by pixel about the places of the upright star."""
+    room = teacher(TeacherTask.STAR)
+    lesson = room.teach(NOTHING)
+    remaining = lasergym.targets.star()
+    ((row, column), *_) = room._native.observe()[1]
+    rows, columns = np.indices(remaining.shape)
+    for (down, right), score_px in zip(lesson.offsets[0], lesson.scores_px[0], strict=True):
+        squares = (rows - row - down) ** 2 + (columns - column - right) ** 2
+        hits = (remaining & (squares <= 81)).sum()
+        misses = (~remaining & (squares <= 81)).sum()
+        ring = (remaining & (squares > 81) & (squares <= 144)).sum()
+        assert score_px == pytest.approx(hits - misses - 0.35 * ring, abs=1e-3)
 
 
 torch = pytest.importorskip("torch")

@@ -7,17 +7,20 @@ from typing import TYPE_CHECKING
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lasergym.sb3.spatial_view import VIEW_CHANNELS
+from lasergym.training.spatial_decision import (
+    CORRECTION_REACH_PX,
+    CORRECTION_WIDTH,
+    POLISH_PX,
+    RING_WEIGHT,
+    VIEW_CHANNELS,
+    VIEW_SIZE,
+)
 
 if TYPE_CHECKING:
-    from lasergym.export import ExportedLayer
+    from lasergym.export import ExportedLayer, ExportedNetwork
 
 __all__ = ["CORRECTION_REACH_PX", "CorrectionNet"]
 
-CORRECTION_REACH_PX = 8
-"""How far corrections reach from the candidate along x and along y, px."""
-
-_WIDTH = 2 * CORRECTION_REACH_PX + 1
 _FIRST = 2
 """First row and column of the corrections among the 20 × 20 outputs, whose centre is at 10."""
 
@@ -64,8 +67,24 @@ class CorrectionNet(nn.Module):
     def corrections(self, features: Tensor) -> Tensor:
         """Corrections at the offsets −8 to 8 of rows and columns, px; shape (batch, 17, 17)."""
         pixels = functional.pixel_shuffle(self.out(features), 2)[:, 0]
-        end = _FIRST + _WIDTH
+        end = _FIRST + CORRECTION_WIDTH
         return pixels[:, _FIRST:end, _FIRST:end]
+
+    def exported(
+        self, ring_weight: float = RING_WEIGHT, polish_px: float = POLISH_PX
+    ) -> ExportedNetwork:
+        """The network for the runner, which works out scores, view and position itself.
+
+        Args:
+            ring_weight: Weight of the ring in the scores that are corrected, in [0, 1].
+            polish_px: Range of the polish, px, in [0, 2].
+        """
+        from lasergym.export import ExportedNetwork
+
+        layers, tensors = self.exported_layers()
+        decision = {"kind": "spatial", "ring_weight": ring_weight, "polish_px": polish_px}
+        shape = (VIEW_CHANNELS, VIEW_SIZE, VIEW_SIZE)
+        return ExportedNetwork(shape, layers, tensors, decision=decision)
 
     def exported_layers(self) -> tuple[tuple[ExportedLayer, ...], dict[str, Tensor]]:
         """The layers for the runner, and the tensors that they name."""
@@ -97,7 +116,7 @@ class CorrectionNet(nn.Module):
         layers += [
             convolution("out"),
             ExportedLayer("pixels", "pixel_shuffle", {"factor": 2}),
-            ExportedLayer("corrections", "crop", cut(_FIRST, 20 - _FIRST - _WIDTH)),
+            ExportedLayer("corrections", "crop", cut(_FIRST, 20 - _FIRST - CORRECTION_WIDTH)),
         ]
         tensors = {name: tensor.detach() for name, tensor in self.state_dict().items()}
         return tuple(layers), tensors

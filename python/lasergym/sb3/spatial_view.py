@@ -7,17 +7,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from lasergym.sb3.spatial_scores import RingScores
+from lasergym.training.spatial_decision import LAYER_SCALES_PX, VIEW_CHANNELS, VIEW_SIZE
 
 __all__ = ["VIEW_CHANNELS", "VIEW_SIZE", "views"]
 
-VIEW_SIZE = 28
-"""Width and height of a channel; every channel holds every other row and column of 56 px."""
-
-VIEW_CHANNELS = 18
-"""Four for each layer, and two constant ones."""
-
 _WIDTH_PX = 2 * VIEW_SIZE
-_LAYER_SCALES_PX = (1.0, 1.0, 128.0, 128.0)
 _PULSE_SCALE = 45.0
 _AREA_PER_PULSE_PX = 250.0
 
@@ -35,7 +29,7 @@ def views(scores: RingScores) -> Tensor:
     squares = padded.unfold(2, _WIDTH_PX, 1).unfold(3, _WIDTH_PX, 1)
     rows, columns = scores.candidates.unbind(1)
     each = torch.arange(len(rows), device=rows.device)
-    scales = torch.tensor(_LAYER_SCALES_PX, device=rows.device)[:, None, None]
+    scales = torch.tensor(LAYER_SCALES_PX, device=rows.device)[:, None, None]
     seen = functional.pixel_unshuffle(squares[each, :, rows, columns] / scales, 2)
     pulses_left = scores.pulses_left.clamp(min=1.0)
     areas_px = scores.layers[:, 0].sum((1, 2)).float()

@@ -15,7 +15,8 @@ from torch.nn import functional
 
 from lasergym.errors import OptionError
 from lasergym.sb3.spatial_network import CorrectionNet
-from lasergym.training.teacher import CORRECTION_REACH_PX, Lesson, Teacher, TeacherTask
+from lasergym.training.spatial_decision import CORRECTION_REACH_PX, VIEW_CHANNELS, VIEW_SIZE
+from lasergym.training.teacher import LEAST_CANDIDATES, Lesson, Teacher, TeacherTask
 
 __all__ = ["CorrectionLearner", "CorrectionOptions", "Progress", "lesson_loss", "symmetric"]
 
@@ -58,7 +59,7 @@ class CorrectionOptions:
         Raises:
             OptionError: A figure is outside its range.
         """
-        least = {"candidates": 8, "seed": 0}
+        least = {"candidates": LEAST_CANDIDATES, "seed": 0}
         for name, value in asdict(self).items():
             if name != "tasks" and value < least.get(name, 1) and name != "learning_rate":
                 raise OptionError(f"{name} is {value}, but must be at least {least.get(name, 1)}")
@@ -155,7 +156,7 @@ class _Samples:
 
     def __init__(self, capacity: int, candidates: int) -> None:
         shapes = {
-            "views": ((18, 28, 28), np.float16),
+            "views": ((VIEW_CHANNELS, VIEW_SIZE, VIEW_SIZE), np.float16),
             "offsets": ((candidates, 2), np.int8),
             "scores_px": ((candidates,), np.float32),
             "values_px": ((candidates,), np.float32),

@@ -10,14 +10,29 @@ from numpy.typing import NDArray
 
 from lasergym import _native
 from lasergym.errors import OptionError
+from lasergym.options import integer_in
+from lasergym.targets import SIZE_PX
+from lasergym.training.spatial_decision import (
+    CORRECTION_REACH_PX,
+    CORRECTION_WIDTH,
+    LAYER_SCALES_PX,
+    RING_WEIGHT,
+    VIEW_SIZE,
+)
 
-__all__ = ["CORRECTION_REACH_PX", "Lesson", "Teacher", "TeacherTask"]
+__all__ = [
+    "FIRST_VALIDATION_SEED",
+    "LEAST_CANDIDATES",
+    "Lesson",
+    "Teacher",
+    "TeacherTask",
+]
 
-CORRECTION_REACH_PX = 8
-"""How far candidates and corrections lie from the place of best ring score, px along x and y."""
+FIRST_VALIDATION_SEED = 1_990_000_000
+"""Random shapes from this seed on serve validation, and from 2 000 000 000 on evaluation only."""
 
-_WIDTH = 2 * CORRECTION_REACH_PX + 1
-_SIZE_PX = 100
+LEAST_CANDIDATES = 8
+"""Fewest candidates of a lesson."""
 
 
 class TeacherTask(Enum):
@@ -60,18 +75,20 @@ class Teacher:
         """Begins the jobs.
 
         Args:
-            task: Their targets; random shapes of training have seeds below 2 000 000 000.
+            task: Their targets.
             jobs: How many go on side by side, at least 1.
-            seed: Seed of everything random; job k has that of ``seed + k``.
+            seed: Seed of everything random. Job k draws its targets from the stream of
+                ``seed + k``, whose first one is the random shape of that seed, so that all are
+                below :data:`FIRST_VALIDATION_SEED`.
             moves: Metropolis moves by which the other pulses give way to a candidate.
 
         Raises:
             OptionError: A figure is outside its range.
         """
-        if not 0 <= seed < 2_000_000_000 - jobs:
+        most = FIRST_VALIDATION_SEED - integer_in("jobs", jobs, 1, 1_000_000)
+        if not 0 <= seed <= most:
             raise OptionError(
-                f"seed is {seed}, but must be from 0 to 2 000 000 000 − jobs: "
-                "later ones are held out"
+                f"seed is {seed}, but must be from 0 to {most}: later shapes are held out"
             )
         pulses = None if task is TeacherTask.RANDOM_SHAPE else (40, 45)
         self._native = _native.Teacher(task.value, jobs, seed, moves, pulses)
@@ -93,7 +110,11 @@ class Teacher:
 
         Returns:
             The candidates and what they are worth.
+
+        Raises:
+            OptionError: There are too few candidates.
         """
+        integer_in("candidates", candidates, LEAST_CANDIDATES, CORRECTION_WIDTH**2)
         views, places = self._native.observe()
         scores_px, legal = _scores(views, places)
         odds = np.where(legal, scores_px + corrections_px, -np.inf).reshape(self.jobs, -1)
@@ -113,7 +134,7 @@ class Teacher:
             scatter[:, :near] * 1.2
         ).astype(np.int64)
         offsets = offsets.clip(-CORRECTION_REACH_PX, CORRECTION_REACH_PX)
-        pixels = (places[:, None] + offsets).clip(0, _SIZE_PX - 1)
+        pixels = (places[:, None] + offsets).clip(0, SIZE_PX - 1)
         offsets = pixels - places[:, None]
         rows = np.arange(self.jobs)[:, None]
         cells = offsets + CORRECTION_REACH_PX
@@ -152,7 +173,8 @@ class Teacher:
 
 def _offsets(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Rows and columns from the middle of cells counted row by row; shape (..., 2)."""
-    return np.stack([cells // _WIDTH, cells % _WIDTH], -1) - CORRECTION_REACH_PX
+    rows_columns = np.stack([cells // CORRECTION_WIDTH, cells % CORRECTION_WIDTH], -1)
+    return rows_columns - CORRECTION_REACH_PX
 
 
 def _scores(
@@ -161,10 +183,13 @@ def _scores(
     """Ring scores at all offsets, shape (jobs, 17, 17), px, and which lie on the workpiece."""
     jobs = len(views)
     # Undoes the order of PixelUnshuffle: (layer, row parity, column parity, row, column).
-    layers = views[:, :16].reshape(jobs, 4, 2, 2, 28, 28).transpose(0, 1, 4, 2, 5, 3)
-    window = slice(28 - CORRECTION_REACH_PX, 28 + CORRECTION_REACH_PX + 1)
-    gains, rings = layers.reshape(jobs, 4, 56, 56)[:, 2:, window, window].transpose(1, 0, 2, 3)
+    size, whole = VIEW_SIZE, 2 * VIEW_SIZE
+    layers = views[:, :16].reshape(jobs, 4, 2, 2, size, size).transpose(0, 1, 4, 2, 5, 3)
+    # The candidate lies in row and column 28.
+    window = slice(size - CORRECTION_REACH_PX, size + CORRECTION_REACH_PX + 1)
+    seen = layers.reshape(jobs, 4, whole, whole)[:, :, window, window]
+    gains, rings = (np.float32(LAYER_SCALES_PX[k]) * seen[:, k] for k in (2, 3))
     steps = np.arange(-CORRECTION_REACH_PX, CORRECTION_REACH_PX + 1)
-    inside = [(places[:, [k]] + steps >= 0) & (places[:, [k]] + steps < _SIZE_PX) for k in (0, 1)]
+    inside = [(places[:, [k]] + steps >= 0) & (places[:, [k]] + steps < SIZE_PX) for k in (0, 1)]
     legal = inside[0][:, :, None] & inside[1][:, None, :]
-    return 128 * (gains - np.float32(0.35) * rings), legal
+    return gains - np.float32(RING_WEIGHT) * rings, legal
