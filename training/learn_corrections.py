@@ -19,6 +19,7 @@ import numpy as np
 import torch
 
 import lasergym
+from lasergym.comparison import PulseBudget
 from lasergym.export import write_network
 from lasergym.policy import Policy
 from lasergym.training.corrections import CorrectionLearner, CorrectionOptions, Progress
@@ -27,11 +28,12 @@ from lasergym.training.teacher import FIRST_VALIDATION_SEED, TeacherTask
 
 def validate(policy: Policy, shapes: int) -> tuple[float, float]:
     """Mean gain over area of the policy and of greedy on random shapes that nobody trains on."""
+    budget = PulseBudget(pulses=None, area_per_pulse_px=125.0)
     gains = []
     for seed in range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + shapes):
         target = lasergym.targets.random_shape(seed=seed)
         area_px = int(target.sum())
-        pulses = math.ceil(area_px / 125)
+        pulses = budget.pulses_for(area_px)
         learned = lasergym.plan(target, "policy", policy=policy, max_pulses=pulses)
         greedy = lasergym.plan(target, "greedy", max_pulses=pulses)
         gains.append((learned.reward * 1e4 / area_px, greedy.reward * 1e4 / area_px))
@@ -47,13 +49,20 @@ def export(learner: CorrectionLearner, path: Path, training: dict[str, object]) 
 
 def main() -> None:
     """Trains, goes on where a checkpoint lies, and judges."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("tasks", nargs="+", choices=[task.value for task in TeacherTask])
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--updates", type=int, default=CorrectionOptions.updates)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
-    parser.add_argument("--shapes", type=int, default=200, help="validation shapes")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    names = [task.value for task in TeacherTask]
+    parser.add_argument("tasks", nargs="+", choices=names, help="targets to learn from, in turn")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the run")
+    parser.add_argument(
+        "--updates", type=int, default=CorrectionOptions.updates, help="of the network, in all"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="everything random derives from it")
+    parser.add_argument(
+        "--threads", type=int, default=torch.get_num_threads(), help="threads of torch"
+    )
+    parser.add_argument("--shapes", type=int, default=200, help="random shapes for validation")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     tasks = tuple(TeacherTask(name) for name in arguments.tasks)

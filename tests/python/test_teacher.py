@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +85,10 @@ def test_scores_are_those_of_the_observation() -> None:
 
 
 torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
 
+from lasergym.sb3 import CorrectionNet  # noqa: E402
+from lasergym.training.checkpoints import CheckpointError  # noqa: E402
 from lasergym.training.corrections import (  # noqa: E402
     CorrectionLearner,
     CorrectionOptions,
@@ -124,12 +128,28 @@ def test_the_loss_is_zero_where_corrected_scores_differ_from_values_by_a_constan
     assert lesson_loss(corrections, offsets, scores, values) == 0
 
 
-def test_learning_lowers_the_loss_and_goes_on_after_a_kill(tmp_path: Path) -> None:
+def test_the_network_learns_what_a_lesson_says() -> None:
+    lesson = teacher().teach(NOTHING)
+    views, offsets, scores, values = (torch.from_numpy(array) for array in vars(lesson).values())
+    torch.manual_seed(0)
+    network = CorrectionNet(8)
+    optimiser = torch.optim.Adam(network.parameters(), lr=5e-3)
+    losses = []
+    for _ in range(40):
+        loss = lesson_loss(network(views), offsets, scores, values)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(loss.item())
+    assert losses[-1] < 0.5 * losses[0]
+
+
+def test_learning_goes_on_after_a_kill(tmp_path: Path) -> None:
     reports: list[Progress] = []
     learner = CorrectionLearner(SMALL)
     learner.learn(reports.append, tmp_path / "checkpoint.pt", every=1)
     assert [report.updates for report in reports] == [2, 4]
-    longer = CorrectionOptions(**{**vars(SMALL), "updates": 6})
+    longer = replace(SMALL, updates=6)
     again = CorrectionLearner(longer)
     again.load(tmp_path / "checkpoint.pt")
     assert again.updates == 4
@@ -137,6 +157,29 @@ def test_learning_lowers_the_loss_and_goes_on_after_a_kill(tmp_path: Path) -> No
         assert torch.equal(value, again.network.state_dict()[name])
     again.learn(reports.append, every=1)
     assert reports[-1].updates == 6
+    assert [report.samples for report in reports] == [4, 8, 12]
+
+
+def test_a_checkpoint_of_other_options_is_refused(tmp_path: Path) -> None:
+    CorrectionLearner(SMALL).save(tmp_path / "checkpoint.pt")
+    other = CorrectionLearner(replace(SMALL, seed=1))
+    with pytest.raises(CheckpointError, match="seed = 0, not 1"):
+        other.load(tmp_path / "checkpoint.pt")
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
+    learner = CorrectionLearner(SMALL)
+    learner.save(tmp_path / "checkpoint.pt")
+    content = (tmp_path / "checkpoint.pt").read_bytes()
+    (tmp_path / "checkpoint.pt").write_bytes(content[: len(content) // 2])
+    for name in ("checkpoint.pt", "none.pt"):
+        with pytest.raises(CheckpointError, match="cannot be loaded"):
+            learner.load(tmp_path / name)
+
+
+def test_any_seed_learns_from_shapes_that_are_not_held_out() -> None:
+    for seed in (0, 40, 2_000_000_000):
+        CorrectionLearner(replace(SMALL, seed=seed))
 
 
 def test_options_out_of_range_are_refused() -> None:

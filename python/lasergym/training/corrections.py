@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,16 @@ from torch.nn import functional
 
 from lasergym.errors import OptionError
 from lasergym.sb3.spatial_network import CorrectionNet
+from lasergym.training.checkpoints import CheckpointError
 from lasergym.training.spatial_decision import CORRECTION_REACH_PX, VIEW_CHANNELS, VIEW_SIZE
-from lasergym.training.teacher import LEAST_CANDIDATES, Lesson, Teacher, TeacherTask
+from lasergym.training.tables import to_table
+from lasergym.training.teacher import (
+    FIRST_VALIDATION_SEED,
+    LEAST_CANDIDATES,
+    Lesson,
+    Teacher,
+    TeacherTask,
+)
 
 __all__ = ["CorrectionLearner", "CorrectionOptions", "Progress", "lesson_loss", "symmetric"]
 
@@ -75,8 +84,8 @@ class Progress:
 
     Attributes:
         updates: Updates done.
-        samples: Samples made so far.
-        loss: Running mean of the loss.
+        samples: Samples made so far, each a pulse of a job with its candidates.
+        loss: Running mean of the loss, px.
         regret_px: What the policy's choices gave away against the best candidate, px, on average
             over the last lesson.
         heuristic_regret_px: The same of the places of best ring score.
@@ -196,7 +205,8 @@ class CorrectionLearner:
         self.updates = 0
         self._generator = np.random.default_rng(options.seed)
         self._samples = _Samples(options.capacity, options.candidates)
-        self._loss = 0.0
+        self._made_before = 0
+        self._loss: float | None = None
         self._teaching_s = 0.0
         self._elapsed_s = 0.0
         self._teachers = self._begin_jobs()
@@ -232,8 +242,8 @@ class CorrectionLearner:
                 report(
                     Progress(
                         self.updates,
-                        self._samples.made,
-                        self._loss,
+                        self._made_before + self._samples.made,
+                        float("nan") if self._loss is None else self._loss,
                         float((best_px - lesson.values_px[:, 1]).mean()),
                         float((best_px - lesson.values_px[:, 0]).mean()),
                         tuple(returns),
@@ -244,13 +254,15 @@ class CorrectionLearner:
                 returns = []
 
     def save(self, path: Path) -> None:
-        """Writes network, optimiser and counts; the file is whole or not written."""
+        """Writes options, network, optimiser and counts; the file is whole or not written."""
         part = path.with_suffix(".part")
         state = {
+            "options": to_table(self.options),
             "network": self.network.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "updates": self.updates,
-            "made": self._samples.made,
+            "made": self._made_before + self._samples.made,
+            "loss": self._loss,
             "teaching_s": self._teaching_s,
             "elapsed_s": self._elapsed_s,
         }
@@ -258,22 +270,46 @@ class CorrectionLearner:
         part.replace(path)
 
     def load(self, path: Path) -> None:
-        """Goes on from a checkpoint with fresh jobs; samples are made anew."""
-        state = torch.load(path, weights_only=True)
-        self.network.load_state_dict(state["network"])
-        self.optimiser.load_state_dict(state["optimiser"])
-        self.updates = state["updates"]
-        self._teaching_s, self._elapsed_s = state["teaching_s"], state["elapsed_s"]
+        """Goes on from a checkpoint with fresh jobs; samples are made anew.
+
+        Raises:
+            CheckpointError: It is missing, damaged, or of other options; only ``updates`` may
+                differ.
+        """
+        try:
+            state = torch.load(path, weights_only=True)
+            _check_options(path, state.get("options", {}), to_table(self.options))
+            self.network.load_state_dict(state["network"])
+            self.optimiser.load_state_dict(state["optimiser"])
+            self.updates, self._made_before = state["updates"], state["made"]
+            self._loss = state.get("loss")
+            self._teaching_s, self._elapsed_s = state["teaching_s"], state["elapsed_s"]
+        except CheckpointError:
+            raise
+        except (
+            OSError,
+            EOFError,
+            RuntimeError,
+            ValueError,
+            KeyError,
+            AttributeError,
+            pickle.UnpicklingError,
+        ) as error:
+            raise CheckpointError(f"{path} cannot be loaded: {error}") from error
+        self._samples = _Samples(self.options.capacity, self.options.candidates)
         self._generator = np.random.default_rng((self.options.seed, self.updates))
         self._teachers = self._begin_jobs()
 
     def _begin_jobs(self) -> list[Teacher]:
         options = self.options
-        # Seeds that neither other tasks nor continued trainings use.
-        first = options.seed * 50_000_000 + self.updates * 1000
+        # Other seeds for each task, and for each time that a training goes on.
+        words = np.random.SeedSequence([options.seed, self.updates]).generate_state(
+            len(options.tasks), np.uint64
+        )
+        seeds = (int(word) % (FIRST_VALIDATION_SEED - options.jobs) for word in words)
         return [
-            Teacher(task, options.jobs, first + 10_000_000 * k, options.moves)
-            for k, task in enumerate(options.tasks)
+            Teacher(task, options.jobs, seed, options.moves)
+            for task, seed in zip(options.tasks, seeds, strict=True)
         ]
 
     def _lesson(self, teacher: Teacher) -> tuple[Lesson, list[float]]:
@@ -305,4 +341,14 @@ class CorrectionLearner:
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self.optimiser.step()
         self.updates += 1
-        self._loss = loss.item() if self._loss == 0 else 0.98 * self._loss + 0.02 * loss.item()
+        now = loss.item()
+        self._loss = now if self._loss is None else 0.98 * self._loss + 0.02 * now
+
+
+def _check_options(path: Path, kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    for name, value in kept.items():
+        if name != "updates" and given.get(name) != value:
+            raise CheckpointError(
+                f"{path} was written with {name} = {value}, not {given.get(name)}: take another "
+                "folder, or the same options"
+            )
