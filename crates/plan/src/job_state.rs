@@ -3,7 +3,7 @@
 use lasergym_ablation::{PulseOutcome, Workpiece};
 use lasergym_geom::Point;
 
-use crate::{Job, RingScores};
+use crate::{Job, PlanError, RingScores};
 
 /// A job after some of its pulses, for planners that decide pulse by pulse.
 #[derive(Debug, Clone)]
@@ -61,6 +61,14 @@ impl JobState {
     #[must_use]
     pub fn is_finished(&self) -> bool {
         self.pulses_left == 0 || self.scores.gains().best().2 <= 0
+    }
+
+    /// What is left of the job, as one of its own.
+    ///
+    /// # Errors
+    /// [`PlanError::NothingRemains`], [`PlanError::NoPulses`] for a job that is done.
+    pub fn rest(&self) -> Result<Job, PlanError> {
+        Job::new(self.workpiece.clone(), self.job.pulse_radius_px(), self.pulses_left)
     }
 
     /// Machines a pulse at `position` and counts it.

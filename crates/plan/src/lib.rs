@@ -29,8 +29,9 @@ mod ring_scores;
 mod teacher;
 
 pub use agent::{
-    AgentMemory, AgentPlanner, CORRECTION_REACH_PX, Decision, PolicyAgent, SpatialDecision,
-    VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX, write_view,
+    AgentMemory, AgentPlanner, CORRECTION_REACH_PX, Decision, Foresight, ForesightPlanner,
+    PolicyAgent, SpatialDecision, Thinking, VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX,
+    write_view,
 };
 pub use anneal::{Anneal, AnnealBudget, AnnealOptions, Completion, MOVES_PER_REPLACEMENT, Ramp};
 pub use cma_es::{

@@ -61,12 +61,21 @@ pub enum PlannerKind {
     CmaEs,
     /// `policy`: [`crate::AgentPlanner`].
     Policy,
+    /// `agent-mpc`: [`crate::ForesightPlanner`].
+    AgentMpc,
 }
 
 impl PlannerKind {
     /// All planners, the fastest first.
-    pub const ALL: [Self; 6] =
-        [Self::Raster, Self::RasterFine, Self::Greedy, Self::Policy, Self::Anneal, Self::CmaEs];
+    pub const ALL: [Self; 7] = [
+        Self::Raster,
+        Self::RasterFine,
+        Self::Greedy,
+        Self::Policy,
+        Self::AgentMpc,
+        Self::Anneal,
+        Self::CmaEs,
+    ];
 
     /// The name in commands, reports and Python.
     #[must_use]
@@ -78,6 +87,7 @@ impl PlannerKind {
             Self::Anneal => "anneal",
             Self::CmaEs => "cma-es",
             Self::Policy => "policy",
+            Self::AgentMpc => "agent-mpc",
         }
     }
 }

@@ -179,15 +179,9 @@ impl Lesson {
         Ok(Self { options, stream, state, gain_px: 0, plan: Vec::new() })
     }
 
-    /// What is left of the job.
-    fn rest(&self) -> Result<Job, PlanError> {
-        let workpiece = self.state.workpiece().clone();
-        Job::new(workpiece, DEFAULT_PULSE_RADIUS_PX, self.state.pulses_left())
-    }
-
     /// Brings the plan up to date, one pulse for each that is left.
     fn complete(&mut self) -> Result<Completion, PlanError> {
-        let rest = self.rest()?;
+        let rest = self.state.rest()?;
         let seed = self.state.pulses_left() as u64;
         if self.plan.len() == self.state.pulses_left() {
             let mut completion = Completion::new(&rest, &self.plan, seed)?;

@@ -83,7 +83,8 @@ pub(super) fn best_position(
     best.2
 }
 
-/// The pixel of largest ring score + correction, the first of several.
+/// The pixel of largest ring score + correction among the candidate and those that gain anything,
+/// the first of several.
 fn best_pixel(
     state: &JobState,
     candidate: (usize, usize),
@@ -97,6 +98,9 @@ fn best_pixel(
         let Some(row) = pixel(candidate.0, down) else { continue };
         for right in 0..WIDTH {
             let Some(column) = pixel(candidate.1, right) else { continue };
+            if state.scores().gains().gain_px(row, column) <= 0 && (row, column) != candidate {
+                continue;
+            }
             let value_px =
                 state.scores().score_px(row, column) as f32 + corrections.at(down, right);
             if value_px > best.0 {

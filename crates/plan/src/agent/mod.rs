@@ -2,12 +2,16 @@
 
 mod corrections;
 mod decision;
+mod foresight;
 mod planner;
 mod policy_agent;
 mod view;
+#[cfg(test)]
+mod zero_policy;
 
 pub use corrections::CORRECTION_REACH_PX;
 pub use decision::{Decision, SpatialDecision};
+pub use foresight::{Foresight, ForesightPlanner, Thinking};
 pub use planner::AgentPlanner;
 pub use policy_agent::{AgentMemory, PolicyAgent};
 pub use view::{VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX, write_view};

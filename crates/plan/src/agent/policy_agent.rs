@@ -151,3 +151,55 @@ fn mode_of(network: &Network) -> ObservationMode {
         ObservationMode::Remaining
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::zero_policy::{file, made, spatial};
+    use super::*;
+    use crate::{AgentPlanner, Greedy, Planner, PolishOptions};
+    use lasergym_ablation::{Stream, Workpiece, random_shape, star};
+    use std::sync::Arc;
+
+    #[test]
+    fn a_policy_without_corrections_plans_as_greedy_with_ring_score() {
+        let agent = Arc::new(spatial());
+        for seed in 0..10 {
+            let target = random_shape(&mut Stream::from_seed(seed)).target;
+            let job = Job::new(Workpiece::new(&target).unwrap(), 9.0, 25).unwrap();
+            let plan = AgentPlanner { agent: Arc::clone(&agent) }.plan_to_end(&job).unwrap();
+            let polish = PolishOptions { range_px: 0.5, steps_per_px: 8 };
+            let greedy = Greedy { ring_weight: 0.35, polish }.plan_to_end(&job).unwrap();
+            assert_eq!(plan.positions, greedy.positions);
+        }
+    }
+
+    #[test]
+    fn a_direct_policy_fires_where_its_action_says() {
+        let bias = [0.25, -0.5];
+        for channels in [1, 3] {
+            let agent = made(channels, 100, &bias, r#"{"kind": "direct"}"#).unwrap();
+            let job = Job::new(Workpiece::new(&star(0.0)).unwrap(), 9.0, 2).unwrap();
+            let position = agent.decide(&agent.start(&job), &mut agent.memory()).unwrap();
+            assert_eq!(position, Point::new(62.5, 25.0));
+        }
+    }
+
+    #[test]
+    fn decisions_that_do_not_fit_the_network_are_refused() {
+        let direct = r#"{"kind": "direct"}"#;
+        for (channels, outputs, decision) in [
+            (18, 289, direct),
+            (3, 3, direct),
+            (18, 288, r#"{"kind": "spatial", "ring_weight": 0.35, "polish_px": 0.5}"#),
+            (18, 289, r#"{"kind": "oracle"}"#),
+            (18, 289, r#"{"kind": "spatial", "ring_weight": 0.35}"#),
+        ] {
+            let size = if channels == 18 { 28 } else { 100 };
+            let error = made(channels, size, &vec![0.0; outputs], decision).unwrap_err();
+            assert!(matches!(error, PlanError::PolicyDecision { .. }), "{error}");
+        }
+        let bytes = file(18, 28, &[0.0; 289], direct);
+        assert!(matches!(PolicyAgent::from_bytes(&bytes[..50]), Err(PlanError::Policy(_))));
+        assert!(matches!(PolicyAgent::load("no such file"), Err(PlanError::Policy(_))));
+    }
+}
