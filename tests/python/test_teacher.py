@@ -141,7 +141,7 @@ def test_the_network_learns_what_a_lesson_says() -> None:
         loss.backward()
         optimiser.step()
         losses.append(loss.item())
-    assert losses[-1] < 0.5 * losses[0]
+    assert losses[-1] < 0.8 * losses[0]
 
 
 def test_learning_goes_on_after_a_kill(tmp_path: Path) -> None:
