@@ -131,6 +131,8 @@ def test_the_recipe_of_the_paper_is_what_the_paper_tells() -> None:
         ({"method": {"phases": ["pop"]}}, r"phases\[0\] is 'pop'"),
         ({"method": {"ppo": {"batch_size": 1000}}}, "must divide"),
         ({"evaluation": {"planners": ["gredy"]}}, "did you mean greedy"),
+        ({"evaluation": {"planners": ["policy"]}}, "evaluation.planners: .*policy"),
+        ({"evaluation": {"planners": ["greedy", "greedy"]}}, "evaluation.planners: .*twice"),
         ({"evaluation": {"anneal_s": 0.0}}, "anneal_s is 0"),
         ({"run": {"checkpoint_min": 0.0}}, "checkpoint_min is 0"),
         ({"task": {"pulse_radius_px": 5.0}}, "evaluation.planners fire pulses of 9 px"),
@@ -417,6 +419,18 @@ def test_a_torn_checkpoint_is_not_looked_at(tmp_path: Path) -> None:
     assert list((tmp_path / "checkpoints").iterdir()) == [second]
 
 
+@pytest.mark.parametrize("name", ["model.zip", "vec_normalize.pkl", "self_imitation.npz"])
+def test_a_damaged_file_of_a_checkpoint_is_refused(name: str, tmp_path: Path) -> None:
+    task = replace(small().task, normalise_rewards=True)
+    train(small(task=task, run=replace(small().run, steps=64)), tmp_path / "run", pictures=False)
+    path = latest_checkpoint(tmp_path / "run") / name
+    content = path.read_bytes()
+    for damaged in (content[: len(content) // 2], b""):
+        path.write_bytes(damaged)
+        with pytest.raises(CheckpointError, match="cannot be loaded"):
+            resume(tmp_path / "run", steps=128, pictures=False)
+
+
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"steps": 1}'])
 def test_a_damaged_state_is_refused(content: str, tmp_path: Path) -> None:
     (tmp_path / "state.json").write_text(content)
@@ -442,14 +456,6 @@ def test_a_model_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "model.zip").write_bytes(b"PK\x03\x04 nothing")
     with pytest.raises(AgentError, match="cannot be read"):
         load_agent(tmp_path / "model.zip")
-
-
-def test_a_policy_that_is_not_there_yet_says_so(tmp_path: Path) -> None:
-    if hasattr(lasergym.sb3, "SpatialPolicy"):
-        pytest.skip("this version has the spatial policy")
-    config = small(policy=PolicyConfig(kind=PolicyKind.SPATIAL))
-    with pytest.raises(ConfigError, match="no policy"):
-        train(config, tmp_path / "run", pictures=False)
 
 
 def test_the_curve_is_drawn(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ baselines/ppo2/ppo2_sil.py and baselines/common/self_imitation.py.
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from lasergym.errors import OptionError
 from lasergym.options import LARGEST_SEED, integer_in
-from lasergym.sb3.replay import PrioritisedReplay, ReplayBatch
+from lasergym.sb3.replay import PrioritisedReplay, ReplayBatch, ReplayError
 from lasergym.training.self_imitation import SelfImitationOptions
 
 __all__ = [
@@ -136,9 +137,12 @@ class SelfImitation(BaseCallback):
         Raises:
             ReplayError: The file is damaged or of another capacity.
         """
-        with np.load(path, allow_pickle=False) as file:
-            arrays = dict(file)
-        _set_stream_words(self.generator, arrays.pop("stream").tolist())
+        try:
+            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as kept:
+                arrays = dict(kept)
+            _set_stream_words(self.generator, arrays.pop("stream").tolist())
+        except (ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
+            raise ReplayError(f"{path} is damaged: {error}") from error
         self.replay.load_state(arrays)
 
     def _init_callback(self) -> None:

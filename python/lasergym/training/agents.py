@@ -91,9 +91,10 @@ def load_agent(path: str | Path) -> Agent:
     """Reads an agent.
 
     Args:
-        path: The folder of a run, whose latest model counts, or the ``.zip`` that ``model.save`` of
-            Stable-Baselines3 wrote. Such a file, and the pickled normaliser beside it, can run
-            code: read only those you trust. Of a run's models nothing but the weights is read.
+        path: The folder of a run, whose model counts, or before it has ended that of its latest
+            checkpoint; or the ``.zip`` that ``model.save`` of Stable-Baselines3 wrote. Such a file,
+            and the pickled normaliser beside it, can run code: read only those you trust. Of a
+            run's models nothing but the weights is read.
 
     Raises:
         AgentError: There is no such model, it is damaged, or its spaces are others.

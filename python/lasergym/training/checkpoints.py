@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import random
 import re
 import shutil
+import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -43,6 +45,18 @@ _STATE_FILE = "state.json"
 _MEMORY_FILE = "self_imitation.npz"
 _FOLDER = "checkpoints"
 _NAME = re.compile(r"step-(\d{12,})")
+_DAMAGES = (
+    OSError,
+    EOFError,
+    RuntimeError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    pickle.UnpicklingError,
+    zipfile.BadZipFile,
+)
+"""What reading a damaged file raises."""
 
 
 class CheckpointError(LasergymError, ValueError):
@@ -124,7 +138,7 @@ def latest_checkpoint(folder: Path) -> Path:
     """
     found = _found(folder)
     if not found:
-        raise CheckpointError(f"{folder} holds no checkpoint: start the run anew")
+        raise CheckpointError(f"{folder} holds no checkpoint: delete it and start the run anew")
     return found[-1]
 
 
@@ -153,12 +167,15 @@ def load_normaliser(checkpoint: Path, venv: Any) -> VecNormalize:
     """The normaliser of a checkpoint, round the environments ``venv``.
 
     Raises:
-        CheckpointError: It is missing.
+        CheckpointError: It is missing or damaged.
     """
     path = checkpoint / NORMALISER_FILE
     if not path.exists():
         raise CheckpointError(f"{checkpoint} is damaged: {NORMALISER_FILE} is missing")
-    return VecNormalize.load(str(path), venv)
+    try:
+        return VecNormalize.load(str(path), venv)
+    except _DAMAGES as error:
+        raise CheckpointError(f"{path} cannot be loaded: {error}") from error
 
 
 def load_checkpoint(
@@ -182,9 +199,9 @@ def load_checkpoint(
         if imitation is not None:
             imitation.load(checkpoint / _MEMORY_FILE)
         _set_random_state(_read(checkpoint)["random"])
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, CheckpointError):
-            raise
+    except CheckpointError:
+        raise
+    except _DAMAGES as error:
         raise CheckpointError(f"{checkpoint} cannot be loaded: {error}") from error
 
 

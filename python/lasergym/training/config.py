@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import gymnasium as gym
 
 from lasergym import planners
+from lasergym.comparison.options import CompareOptions
 from lasergym.comparison.work import PULSE_RADIUS_PX
 from lasergym.envs import ABLATION_IDS
 from lasergym.envs.settings import Settings
@@ -317,7 +318,8 @@ class EvaluationConfig:
         every_steps: Steps between two evaluations.
         targets: Held-out targets: angles of the rotated star, or random shapes of the seeds from
             2 000 000 000 up, which no training sees. The star and a pattern are one target.
-        planners: Planners that are judged on the same targets once, as lines of the curve.
+        planners: Planners that are judged on the same targets once, as lines of the curve; none
+            that needs a policy file.
         anneal_s: Time of ``"anneal"`` on a target, s.
         cma_es_s: Time of ``"cma-es"`` on a target, s.
     """
@@ -341,6 +343,11 @@ class EvaluationConfig:
             value = getattr(self, key)
             if not 0.0 < value <= 86_400.0:
                 raise ConfigError(f"evaluation.{key} is {value}, but must be above 0 s")
+        if self.planners:
+            try:
+                CompareOptions(planners=self.planners)
+            except OptionError as error:
+                raise ConfigError(f"evaluation.planners: {error}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
