@@ -181,6 +181,7 @@ def test_an_interrupted_run_says_how_to_go_on() -> None:
         (("train", "--resume", "nowhere"), "holds no run"),
         (("evaluate", "nowhere"), "there is no model"),
         (("evaluate", "."), "holds no run"),
+        (("evaluate", ".", "-o", "nowhere/report.json"), "there is no folder nowhere"),
     ],
 )
 def test_bad_input_has_a_clear_error(

@@ -192,7 +192,7 @@ def test_policies_of_stable_baselines_survive_export(
     with torch.no_grad():
         model.policy.action_net.weight.mul_(100)
     path = tmp_path / "policy.safetensors"
-    arguments = {"observation": "layers"}
+    arguments = {"observation": "layers", "max_pulses": 30}
     result = export_policy(
         model,
         path,
@@ -207,7 +207,7 @@ def test_policies_of_stable_baselines_survive_export(
     assert report.largest_difference < 1e-5
     assert file.manifest["observation"] == {"name": "layers", "divide_by": 255.0}
     assert file.manifest["environment"]["arguments"] == arguments
-    assert file.manifest["decision"] == {"kind": "direct"}
+    assert file.manifest["decision"] == {"kind": "direct", "max_pulses": 30}
     assert file.manifest["training"] == {"timesteps": 0}
 
 

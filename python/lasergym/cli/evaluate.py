@@ -9,6 +9,7 @@ import typer
 from lasergym.cli.output import note, print_data, print_json, progress_bar, table
 from lasergym.comparison import CompareOptions, PulseBudget
 from lasergym.comparison.tasks import TaskName
+from lasergym.errors import OptionError
 
 if TYPE_CHECKING:
     from lasergym.training.agents import Agent
@@ -87,6 +88,8 @@ def evaluate(
 
     The targets are those of lasergym compare: no agent of lasergym is trained on its random shapes.
     """
+    if output is not None and not output.parent.is_dir():
+        raise OptionError(f"there is no folder {output.parent} for the report")
     import lasergym.sb3  # noqa: F401 - first, since it says what to install
     from lasergym.training.agents import load_agent  # Imports torch.
     from lasergym.training.evaluation import compare_agent

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -44,7 +45,8 @@ def export_policy(
             ``exported()``, see :class:`ExportablePolicy`.
         path: The file to write, usually ``*.safetensors``.
         environment: What it was trained in: an id, ``{"id": …, "arguments": …}`` or an
-            environment with a ``spec``.
+            environment with a ``spec``. Its ``max_pulses`` is what the runner counts pulses left
+            in; without, 45.
         training: Summary of the training; JSON.
         vec_normalize: The ``VecNormalize`` that scaled the observations; taken from the model
             where it has one.
@@ -63,14 +65,7 @@ def export_policy(
             vec_normalize = model_or_policy.get_vec_normalize_env()
         network = _actor(policy, vec_normalize, described)
     if decision is not None:
-        network = ExportedNetwork(
-            network.input_shape,
-            network.layers,
-            network.tensors,
-            network.observation,
-            network.actions,
-            decision,
-        )
+        network = replace(network, decision=decision)
     return write_network(network, path, storage=storage, environment=described, training=training)
 
 
@@ -101,12 +96,18 @@ def _actor(
     actor = nn.Sequential(extractor, policy.mlp_extractor.policy_net, policy.action_net)
     layers, tensors = trace_module(actor)
     image = policy.normalize_images and is_image_space(observations)
+    arguments = (environment or {}).get("arguments") or {}
     scaling = ObservationScaling(
-        name=str(((environment or {}).get("arguments") or {}).get("observation", "")),
+        name=str(arguments.get("observation", "")),
         divide_by=255.0 if image else 1.0,
         normalise=_running_normalisation(vec_normalize),
     )
-    return ExportedNetwork(shape, layers, tensors, scaling, _action_mapping(policy, actions))
+    decision: dict[str, Any] = {"kind": "direct"}
+    if "max_pulses" in arguments:
+        decision["max_pulses"] = arguments["max_pulses"]
+    return ExportedNetwork(
+        shape, layers, tensors, scaling, _action_mapping(policy, actions), decision
+    )
 
 
 def _running_normalisation(vec_normalize: Any) -> RunningNormalisation | None:
