@@ -55,7 +55,8 @@ class Lesson:
         offsets: Candidates, as rows and columns from the place of best ring score; int64, shape
             (n, candidates, 2), each from −8 to 8.
         scores_px: Their ring scores, float32, shape (n, candidates).
-        values_px: What each job gains in the end with them, float32, shape (n, candidates).
+        values_px: What the pulses that are left gain together with them, float32, shape (n,
+            candidates).
     """
 
     views: NDArray[np.float32]
@@ -68,7 +69,8 @@ class Teacher:
     """Jobs that a policy does, and a planner that says what its choices cost.
 
     For every candidate for the next pulse the rest of the job is planned around it, by Metropolis
-    moves from the best plan known. The value of the candidate is what all pulses gain together.
+    moves from the best plan known. The value of the candidate is what it and the pulses after it
+    gain together, hits − misses, px.
     """
 
     def __init__(self, task: TeacherTask, jobs: int, seed: int, moves: int = 3000) -> None:
