@@ -30,6 +30,24 @@ def test_candidates_begin_with_the_heuristic_the_policy_and_the_plan() -> None:
     assert (lesson.scores_px[:, 0] >= lesson.scores_px[:, 1]).all()
 
 
+def test_no_policy_chooses_what_gains_nothing() -> None:
+    room = Teacher(TeacherTask.STAR, 1, 3, moves=1)
+    generator = np.random.default_rng(0)
+    refused = 0
+    for _ in range(40):
+        wanted = generator.integers(17, size=2)
+        corrections = np.zeros((1, 17, 17), np.float32)
+        corrections[0, wanted[0], wanted[1]] = 1e4
+        lesson = room.teach(corrections)
+        own = lesson.offsets[0, 1]
+        row, column = 28 + own
+        gain = lesson.views[0, 8 + 2 * (row % 2) + column % 2, row // 2, column // 2]
+        assert gain > 0 or not own.any()
+        refused += int((own != wanted - CORRECTION_REACH_PX).any())
+        room.fire(NOTHING[:1], lesson, explore=0.0)
+    assert refused > 0
+
+
 def test_values_are_bounded_by_the_area_and_the_plan_is_nearly_best() -> None:
     room = teacher(TeacherTask.STAR)
     lesson = room.teach(NOTHING)
@@ -135,7 +153,7 @@ def test_the_network_learns_what_a_lesson_says() -> None:
     network = CorrectionNet(8)
     optimiser = torch.optim.Adam(network.parameters(), lr=5e-3)
     losses = []
-    for _ in range(40):
+    for _ in range(25):
         loss = lesson_loss(network(views), offsets, scores, values)
         optimiser.zero_grad()
         loss.backward()

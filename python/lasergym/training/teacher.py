@@ -155,8 +155,8 @@ class Teacher:
         Args:
             corrections_px: The policy's corrections, shape (jobs, 17, 17), px.
             lesson: What :meth:`teach` just said.
-            explore: Share of the jobs, in [0, 1], that fire another candidate: half of them the
-                best one, half any.
+            explore: Share of the jobs, in [0, 1], that fire another candidate that gains anything:
+                half of them the best one, half any.
 
         Returns:
             Gain over area of the jobs that end by it, where new jobs begin; NaN elsewhere.
@@ -182,7 +182,10 @@ def _offsets(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 def _scores(
     views: NDArray[np.float32], places: NDArray[np.int64]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Ring scores at all offsets, shape (jobs, 17, 17), px, and which lie on the workpiece."""
+    """Ring scores at all offsets, shape (jobs, 17, 17), px, and where a policy may fire.
+
+    These are the places on the workpiece that gain anything, and the one of best ring score.
+    """
     jobs = len(views)
     # Undoes the order of PixelUnshuffle: (layer, row parity, column parity, row, column).
     size, whole = VIEW_SIZE, 2 * VIEW_SIZE
@@ -193,5 +196,6 @@ def _scores(
     gains, rings = (np.float32(LAYER_SCALES_PX[k]) * seen[:, k] for k in (2, 3))
     steps = np.arange(-CORRECTION_REACH_PX, CORRECTION_REACH_PX + 1)
     inside = [(places[:, [k]] + steps >= 0) & (places[:, [k]] + steps < SIZE_PX) for k in (0, 1)]
-    legal = inside[0][:, :, None] & inside[1][:, None, :]
+    legal = inside[0][:, :, None] & inside[1][:, None, :] & (gains > 0)
+    legal[:, CORRECTION_REACH_PX, CORRECTION_REACH_PX] = True
     return gains - np.float32(RING_WEIGHT) * rings, legal
