@@ -18,6 +18,7 @@ from lasergym.policy import Policy
 from lasergym.targets import SIZE_PX, TargetLike, as_target
 
 __all__ = [
+    "LEARNED_PLANNERS",
     "PLANNERS",
     "Plan",
     "PlannerName",
@@ -28,12 +29,17 @@ __all__ = [
     "shortest_order",
 ]
 
-PlannerName: TypeAlias = Literal["raster", "raster-fine", "greedy", "policy", "anneal", "cma-es"]
-"""Names of the planners: raster scan with pitch √2 r and r, greedy, a trained policy, annealing,
-CMA-ES."""
+PlannerName: TypeAlias = Literal[
+    "raster", "raster-fine", "greedy", "policy", "agent-mpc", "anneal", "cma-es"
+]
+"""Names of the planners: raster scan with pitch √2 r and r, greedy, a trained policy, the same with
+foresight, annealing, CMA-ES."""
 
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
 """All planners, the fastest first."""
+
+LEARNED_PLANNERS: tuple[PlannerName, ...] = ("policy", "agent-mpc")
+"""Those that need a trained policy."""
 
 ProgressCallback: TypeAlias = Callable[[float, float], "bool | None"]
 """Called with (fraction done in [0, 1], best reward so far); returning True stops the planner."""
@@ -146,22 +152,25 @@ def plan(
         target: A Boolean array of shape (100, 100) or the name of a PNG, JPEG, SVG or DXF file.
         planner: ``"raster"`` (grid of pitch √2 r), ``"raster-fine"`` (grid of pitch r),
             ``"greedy"`` (each pulse where it gains most, refined below the pixel), ``"policy"`` (a
-            trained policy), ``"anneal"`` (all pulses together, the best there is) or ``"cma-es"``
-            (the optimiser of Xie et al.).
+            trained policy), ``"agent-mpc"`` (a trained policy that refines the rest of its plan
+            before each pulse), ``"anneal"`` (all pulses together, the best there is) or
+            ``"cma-es"`` (the optimiser of Xie et al.).
         max_pulses: Most pulses that may be used, from 1 to 10 000. Raster scans use as many as
             their grid has cells.
         pulse_radius_px: Radius of the disc that one pulse machines, px, in (0, 50].
-        seed: Seed of ``"anneal"`` and ``"cma-es"``, from 0 to 2⁶⁴ − 1.
-        budget_s: Time for ``"anneal"`` (default 1 s) and ``"cma-es"`` (default 30 s), s.
+        seed: Seed of ``"agent-mpc"``, ``"anneal"`` and ``"cma-es"``, from 0 to 2⁶⁴ − 1.
+        budget_s: Time for ``"anneal"`` (default 1 s) and ``"cma-es"`` (default 30 s), s; for each
+            pulse of ``"agent-mpc"`` (default 0.02 s).
         iterations: Instead of the time, the work: Metropolis moves of each restart of ``"anneal"``,
-            evaluations of ``"cma-es"``. Then the same seed gives the same plan on every machine.
+            moves before each pulse of ``"agent-mpc"``, evaluations of ``"cma-es"``. Then the same
+            seed gives the same plan on every machine.
         threads: Threads for ``"anneal"`` and ``"cma-es"``.
         restarts: Independent runs of ``"anneal"``, of which the best counts.
         start: Pulses for ``"anneal"`` to start from, px, shape (pulses, 2); it ends no worse.
         forbidden: Pristine pixels that must stay, where the workpiece is partly machined already;
             then ``target`` is what remains, and all other pixels are free. Default: all pixels
             beside the target.
-        policy: The policy of the planner ``"policy"``, or the name of its file.
+        policy: The policy of ``"policy"`` and ``"agent-mpc"``, or the name of its file.
         progress: Called now and then with (fraction done, best reward); returning True stops the
             planner.
 
@@ -176,8 +185,10 @@ def plan(
         PolicyError: The policy cannot be read.
     """
     remaining = as_target(target)
-    if (planner == "policy") != (policy is not None):
-        raise OptionError("the planner policy needs policy=FILE, and only it takes one")
+    if (planner in LEARNED_PLANNERS) != (policy is not None):
+        raise OptionError(
+            f"policy is {policy}, but {' and '.join(LEARNED_PLANNERS)} need a file, and only they"
+        )
     if isinstance(policy, str | Path):
         policy = Policy.load(policy)
     settings = {

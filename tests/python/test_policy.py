@@ -141,3 +141,20 @@ def test_a_policy_goes_with_its_planner_and_no_other(tmp_path: Path) -> None:
         lasergym.plan(target, "policy")
     with pytest.raises(OptionError, match="policy"):
         lasergym.plan(target, "greedy", policy=spatial_policy(tmp_path, CorrectionNet(2)))
+
+
+def test_foresight_without_moves_is_the_policy_and_with_them_better(tmp_path: Path) -> None:
+    policy = spatial_policy(tmp_path, CorrectionNet(4).eval())
+    rewards = []
+    for seed in range(6):
+        target = lasergym.targets.random_shape(seed=seed)
+        settings = {"policy": policy, "max_pulses": 30}
+        alone = lasergym.plan(target, "policy", **settings)
+        thoughtful = lasergym.plan(target, "agent-mpc", iterations=4000, seed=1, **settings)
+        again = lasergym.plan(target, "agent-mpc", iterations=4000, seed=1, **settings)
+        np.testing.assert_array_equal(thoughtful.xy_px, again.xy_px)
+        thoughtless = lasergym.plan(target, "agent-mpc", budget_s=0.0, **settings)
+        np.testing.assert_array_equal(thoughtless.xy_px, alone.xy_px)
+        rewards.append((thoughtful.reward, alone.reward))
+    thoughtful_reward, alone_reward = np.mean(rewards, axis=0)
+    assert thoughtful_reward > alone_reward

@@ -173,7 +173,8 @@ def decided(
             row, column = candidate[0] + down - 8, candidate[1] + right - 8
             if 0 <= row < 100 and 0 <= column < 100:
                 value = scores[row, column] + corrections[down, right]
-                if value > best:
+                gains = worth[disc(column + 0.5, row + 0.5, 9.0)].sum() > 0
+                if value > best and (gains or (row, column) == candidate):
                     best, pixel = value, (row, column)
 
     def split(place: float) -> tuple[int, np.float32]:

@@ -1,13 +1,15 @@
 //! Planners.
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::time::Duration;
 
 use lasergym_ablation::Workpiece;
 use lasergym_geom::Point;
 use lasergym_plan::{
-    AgentPlanner, Anneal, AnnealBudget, AnnealOptions, CmaEsBudget, CmaEsPlanner, Greedy, Job,
-    PlanProgress, Planner, PlannerKind, Raster, RasterPitch, shortest_order as order_by_travel,
+    AgentPlanner, Anneal, AnnealBudget, AnnealOptions, CmaEsBudget, CmaEsPlanner, ForesightPlanner,
+    Greedy, Job, PlanProgress, Planner, PlannerKind, PolicyAgent, Raster, RasterPitch, Thinking,
+    shortest_order as order_by_travel,
 };
 use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
@@ -46,14 +48,30 @@ impl PlanSettings<'_> {
             PlannerKind::Greedy => Box::new(Greedy::default()),
             PlannerKind::Anneal => Box::new(Anneal { options: self.anneal_options()? }),
             PlannerKind::CmaEs => Box::new(self.cma_es()?),
-            PlannerKind::Policy => {
-                let Some(policy) = &self.policy else {
-                    return Err(option_error("policy", "missing", "given for the planner policy"));
-                };
-                Box::new(AgentPlanner { agent: policy.get().agent() })
-            }
+            PlannerKind::Policy => Box::new(AgentPlanner { agent: self.agent()? }),
+            PlannerKind::AgentMpc => Box::new(ForesightPlanner {
+                agent: self.agent()?,
+                thinking: self.thinking()?,
+                seed: self.seed,
+            }),
             other => return Err(option_error("planner", other, "one of those above")),
         })
+    }
+
+    fn agent(&self) -> PyResult<Arc<PolicyAgent>> {
+        match &self.policy {
+            Some(policy) => Ok(policy.get().agent()),
+            None => Err(option_error("policy", "missing", "given for this planner")),
+        }
+    }
+
+    fn thinking(&self) -> PyResult<Thinking> {
+        match (self.iterations, self.budget()?) {
+            (Some(_), Some(_)) => Err(two_budgets()),
+            (Some(moves), None) => Ok(Thinking::Moves(moves)),
+            (None, Some(time)) => Ok(Thinking::Time(time)),
+            (None, None) => Ok(Thinking::Time(Duration::from_millis(20))),
+        }
     }
 
     fn cma_es(&self) -> PyResult<CmaEsPlanner> {
@@ -73,13 +91,7 @@ impl PlanSettings<'_> {
 
     fn anneal_options(&self) -> PyResult<AnnealOptions> {
         let budget = match (self.iterations, self.budget()?) {
-            (Some(_), Some(_)) => {
-                return Err(option_error(
-                    "budget_s",
-                    "given",
-                    "left out where iterations are given",
-                ));
-            }
+            (Some(_), Some(_)) => return Err(two_budgets()),
             (Some(iterations), None) => AnnealBudget::Iterations(iterations),
             (None, Some(time)) => AnnealBudget::Time(time),
             (None, None) => AnnealBudget::default(),

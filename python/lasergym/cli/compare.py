@@ -74,7 +74,7 @@ def compare(
     ] = None,
     policy: Annotated[
         Path | None,
-        _option("--policy", help="File of the planner policy, .safetensors.", panel=_EFFORT),
+        _option("--policy", help="Policy file of policy and agent-mpc.", panel=_EFFORT),
     ] = None,
     seed: Annotated[
         int, _option("--seed", help="Every item's seed derives from it.", panel=_EFFORT)

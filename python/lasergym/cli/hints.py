@@ -20,6 +20,7 @@ _HINTS: dict[type[errors.LasergymError], str] = {
     errors.FullTargetError: "try --invert, a higher --threshold or a --margin-px",
     errors.OptionError: "--help lists the options and their ranges",
     errors.ThreadsError: "ask for fewer threads",
+    errors.PolicyError: "give a .safetensors file that lasergym.export wrote",
 }
 
 

@@ -11,7 +11,7 @@ from lasergym.cli.plan_files import check_files, write_file
 from lasergym.cli.plan_report import judge
 from lasergym.cli.target_name import read_target
 from lasergym.errors import OptionError
-from lasergym.planners import PLANNERS, PlannerName
+from lasergym.planners import LEARNED_PLANNERS, PLANNERS, PlannerName
 from lasergym.programs import GcodeOptions, StageDynamics, WorkpieceFrame
 
 __all__ = ["plan"]
@@ -50,7 +50,7 @@ def plan(
         Path | None, _option("--preview", help="Write a picture of the plan, .png or .svg.")
     ] = None,
     policy: Annotated[
-        Path | None, _option("--policy", help="File of the planner policy, .safetensors.")
+        Path | None, _option("--policy", help="Policy file of policy and agent-mpc.")
     ] = None,
     seed: Annotated[int, _option("--seed", help="Seed of anneal and cma-es.", panel=_SEARCH)] = 0,
     budget_s: Annotated[
@@ -170,7 +170,7 @@ def plan(
             policy=policy,
             progress=lambda fraction, _reward: bar.show(fraction),
         )
-    if not keep_order and planner != "policy":
+    if not keep_order and planner not in LEARNED_PLANNERS:
         made = made.ordered()
     report = judge(
         target, pattern, made, max_pulses=max_pulses, pixel_um=pixel_um, dynamics=dynamics

@@ -30,6 +30,7 @@ _COLUMNS = {
     "anneal": PlannerColumn("anneal", in_order=False, seeded=True, timed=True),
     "cma-es": PlannerColumn("CMA-ES", in_order=False, seeded=True, timed=True),
     "policy": PlannerColumn("policy"),
+    "agent-mpc": PlannerColumn("agent-mpc", seeded=True),
 }
 
 DEFAULT_PLANNERS: tuple[str, ...] = ("raster", "raster-fine", "greedy", "anneal", "cma-es")

@@ -55,7 +55,7 @@ class CompareOptions:
         anneal_iterations: Instead of the time, Metropolis moves of ``"anneal"``, at least 1; then
             its results do not depend on the machine.
         cma_es_iterations: Instead of the time, evaluations of ``"cma-es"``, at least 1.
-        policy: File of the trained policy of the planner ``"policy"``.
+        policy: File of the trained policy of ``"policy"`` and ``"agent-mpc"``.
         seed: The seed of every work item derives from this one, from 0 to 2⁶³ − 1.
     """
 
@@ -97,8 +97,12 @@ class CompareOptions:
         ):
             if iterations is not None and not 1 <= iterations <= _MAX_ITERATIONS:
                 raise OptionError(f"{name} is {iterations}, but must be from 1 to 10**12")
-        if ("policy" in self.planners) != (self.policy is not None):
-            raise OptionError("the planner policy needs a policy file, and only it takes one")
+        learned = set(planners.LEARNED_PLANNERS) & set(self.planners)
+        if bool(learned) != (self.policy is not None):
+            raise OptionError(
+                f"policy is {self.policy}, but {' and '.join(planners.LEARNED_PLANNERS)} need a "
+                "file, and only they"
+            )
         if not 0 <= self.seed <= _MAX_SEED:
             raise OptionError(f"seed is {self.seed}, but must be from 0 to 2**63 - 1")
 

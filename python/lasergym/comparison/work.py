@@ -42,7 +42,7 @@ class WorkItem:
         max_pulses: Most pulses that may be used.
         effort: How long the planner works.
         bits: The target, eight pixels a byte, row by row; 1250 bytes.
-        policy: Content of the policy file, for the planner ``"policy"``.
+        policy: Content of the policy file, for ``"policy"`` and ``"agent-mpc"``.
     """
 
     task: str
@@ -122,7 +122,7 @@ def work_items(options: CompareOptions, made: TaskTarget) -> Iterator[WorkItem]:
             made.max_pulses,
             options.effort(planner),
             made.bits,
-            policy if planner == "policy" else None,
+            policy if planner in planners.LEARNED_PLANNERS else None,
         )
 
 

@@ -51,8 +51,7 @@ class SpatialPolicy(ActorCriticPolicy):
     misses) and ring (target left within 3 px about the mark) of a pulse are known at every pixel
     centre; the network sees 56 × 56 px about the pixel of best gain − ring weight × ring and
     corrects that score within 8 px of it. Untrained it corrects nothing, and the deterministic
-    policy fires at the best ring score, as the greedy planner with ring score; only where all that
-    gains scores below 0, a pixel near the best may win that gains nothing.
+    policy fires at the best ring score, as the greedy planner with ring score.
 
     Without exploration the pulse goes to the best corrected pixel, polished below the pixel by its
     exact gain, as the runner does it with the exported policy. With exploration every pixel is

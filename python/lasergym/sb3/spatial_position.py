@@ -34,13 +34,18 @@ def corrected_scores(scores: RingScores, corrections: Tensor) -> Tensor:
 def best_pixels(scores: RingScores, corrections: Tensor) -> Tensor:
     """The pixel of largest score + correction within reach, the first of several.
 
+    Only the candidate and pixels that gain anything count.
+
     Returns:
         Rows and columns, int64 of shape (batch, 2).
     """
     rows, columns = _window(scores.candidates)
     within = _on_workpiece(rows)[:, :, None] & _on_workpiece(columns)[:, None, :]
     inside = SIZE_PX - 1
-    values = _taken(scores.scores_px, rows.clamp(0, inside), columns.clamp(0, inside)) + corrections
+    rows_inside, columns_inside = rows.clamp(0, inside), columns.clamp(0, inside)
+    within &= _taken(scores.gains_px, rows_inside, columns_inside) > 0
+    within[:, CORRECTION_REACH_PX, CORRECTION_REACH_PX] = True
+    values = _taken(scores.scores_px, rows_inside, columns_inside) + corrections
     best = values.masked_fill(~within, -torch.inf).flatten(1).argmax(1, keepdim=True)
     return torch.cat([rows.gather(1, best // _WIDTH), columns.gather(1, best % _WIDTH)], 1)
 
