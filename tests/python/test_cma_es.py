@@ -29,12 +29,24 @@ def rosenbrock(x: np.ndarray) -> float:
     return float(np.sum(100.0 * (x[1:] - x[:-1] ** 2) ** 2 + (1.0 - x[:-1]) ** 2))
 
 
-# Objective, variables, population, evaluations. All three packages converge within them, so that
-# "as good" means below 1e-8, whoever is nearer by then.
+STAR = lasergym.targets.star()
+PULSES = 6
+START_PX = np.random.default_rng(0).permutation(np.argwhere(STAR))[:PULSES, ::-1] + 0.5
+
+
+def star(x: np.ndarray) -> float:
+    """Reward, negated, of pulses 5 px a unit from random places on the star."""
+    return -lasergym.score(STAR, START_PX + 5.0 * (x.reshape(-1, 2) - 3.0)).reward
+
+
+# Objective, variables, population, evaluations, slack. All three packages converge within them, so
+# that "as good" means below 1e-8, whoever is nearer by then. On the star the medians of converged
+# runs scatter by a few pixels, 1e-4 each, in both directions.
 CASES = [
-    pytest.param(sphere, 10, 10, 2_500, id="sphere"),
-    pytest.param(rotated_ellipsoid, 10, 10, 7_000, id="ellipsoid"),
-    pytest.param(rosenbrock, 10, 10, 9_000, id="rosenbrock"),
+    pytest.param(sphere, 10, 10, 2_500, 0.0, id="sphere"),
+    pytest.param(rotated_ellipsoid, 10, 10, 7_000, 0.0, id="ellipsoid"),
+    pytest.param(rosenbrock, 10, 10, 9_000, 0.0, id="rosenbrock"),
+    pytest.param(star, 2 * PULSES, 12, 1_500, 5e-4, id="star"),
 ]
 
 
@@ -88,20 +100,22 @@ def minimise_with_cmaes(
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("other", [minimise_with_cma, minimise_with_cmaes])
-@pytest.mark.parametrize(("objective", "dimension", "population", "evaluations"), CASES)
+@pytest.mark.parametrize(("objective", "dimension", "population", "evaluations", "slack"), CASES)
 def test_the_median_cost_is_as_good_as_another_package(
     other: Callable[..., float],
     objective: Objective,
     dimension: int,
     population: int,
     evaluations: int,
+    slack: float,
 ) -> None:
     def median(solve: Callable[..., float]) -> float:
         costs = [solve(objective, dimension, population, evaluations, seed) for seed in SEEDS]
         return float(np.median(costs))
 
     reference = median(other)
-    assert median(minimise) <= max(reference, 1e-8)
+    converged = 1e-8 if reference >= 0 else -np.inf
+    assert median(minimise) <= max(reference + slack, converged)
 
 
 def test_a_population_is_an_array_of_candidates() -> None:

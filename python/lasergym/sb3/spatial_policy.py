@@ -19,8 +19,9 @@ from lasergym.sb3.spatial_distribution import CellDistribution
 from lasergym.sb3.spatial_network import CorrectionNet
 from lasergym.sb3.spatial_position import best_actions, corrected_scores
 from lasergym.sb3.spatial_scores import RingScores, ring_scores
-from lasergym.sb3.spatial_view import VIEW_CHANNELS, VIEW_SIZE, views
+from lasergym.sb3.spatial_view import views
 from lasergym.targets import SIZE_PX
+from lasergym.training.spatial_decision import POLISH_PX, RING_WEIGHT
 
 if TYPE_CHECKING:
     from lasergym.export import ExportedNetwork
@@ -71,8 +72,8 @@ class SpatialPolicy(ActorCriticPolicy):
         *,
         max_pulses: int = 45,
         pulse_radius_px: float = 9.0,
-        ring_weight: float = 0.35,
-        polish_px: float = 0.5,
+        ring_weight: float = RING_WEIGHT,
+        polish_px: float = POLISH_PX,
         inverse_temperature_per_px: float = 0.5,
         channels: int = 32,
         value_channels: int = 64,
@@ -160,19 +161,7 @@ class SpatialPolicy(ActorCriticPolicy):
 
     def exported(self) -> ExportedNetwork:
         """The network for the runner, which works out scores, view and position itself."""
-        from lasergym.export import ExportedNetwork
-
-        layers, tensors = self.network.exported_layers()
-        return ExportedNetwork(
-            (VIEW_CHANNELS, VIEW_SIZE, VIEW_SIZE),
-            layers,
-            tensors,
-            decision={
-                "kind": "spatial",
-                "ring_weight": self.ring_weight,
-                "polish_px": self.polish_px,
-            },
-        )
+        return self.network.exported(self.ring_weight, self.polish_px)
 
     def _build(self, lr_schedule: Schedule) -> None:
         """Networks and optimiser are made when the options are known."""
