@@ -77,9 +77,9 @@ def race_cma(
 def main() -> None:
     """Lets them race and prints the times, s."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--goal", type=float, default=0.46, help="reward to reach")
+    parser.add_argument("--goal", type=float, default=0.461, help="reward to reach")
     parser.add_argument("--pulses", type=int, default=45)
-    parser.add_argument("--seeds", type=int, default=5, help="races")
+    parser.add_argument("--seeds", type=int, default=9, help="races")
     parser.add_argument("--most-s", type=float, default=300.0, help="time after which one gives up")
     arguments = parser.parse_args()
     target = lasergym.targets.star()
