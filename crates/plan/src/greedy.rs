@@ -4,10 +4,9 @@ use std::ops::ControlFlow;
 
 use lasergym_geom::Point;
 
-use crate::job::reward_of;
 use crate::polish::{PolishOptions, polish};
-use crate::ring_scores::RingScores;
-use crate::{Job, Plan, PlanError, PlanProgress, Planner, PlannerKind};
+use crate::pulse_by_pulse::plan_pulse_by_pulse;
+use crate::{Job, JobState, Plan, PlanError, PlanProgress, Planner, PlannerKind};
 
 /// Pulse after pulse, each where hits − misses − `ring_weight` × (target left within 3 px about the
 /// mark) is largest at a pixel centre, then polished by its immediate gain. Ends when no pulse
@@ -52,31 +51,13 @@ impl Planner for Greedy {
         progress: &mut dyn FnMut(&PlanProgress<'_>) -> ControlFlow<()>,
     ) -> Result<Plan, PlanError> {
         self.validate()?;
-        let mut workpiece = job.workpiece().clone();
-        let mut scores = RingScores::new(&workpiece, job.pulse_radius_px(), self.ring_weight);
-        let mut positions = Vec::new();
-        let mut gain_px = 0;
-        while positions.len() < job.max_pulses() {
-            let (row, column) = scores.best();
+        let decide = |state: &JobState| {
+            let (row, column) = state.scores().best();
             let center = Point::new(column as f64 + 0.5, row as f64 + 0.5);
-            let (position, pulse_gain_px) = polish(job, &workpiece, center, self.polish);
-            if pulse_gain_px <= 0 {
-                break;
-            }
-            scores.pulse(&mut workpiece, job, position);
-            positions.push(position);
-            gain_px += pulse_gain_px;
-            let flow = progress(&PlanProgress {
-                planner: self.kind(),
-                fraction: positions.len() as f64 / job.max_pulses() as f64,
-                best_reward: reward_of(gain_px),
-                best_positions: &positions,
-            });
-            if flow.is_break() {
-                return Plan::new(job, positions, true);
-            }
-        }
-        Plan::new(job, positions, false)
+            let (position, gain_px) = polish(job, state.workpiece(), center, self.polish);
+            Ok((gain_px > 0).then_some(position))
+        };
+        plan_pulse_by_pulse(self.kind(), JobState::new(job, self.ring_weight), decide, progress)
     }
 }
 

@@ -24,6 +24,7 @@ mod order;
 mod plan;
 mod planner;
 mod polish;
+mod pulse_by_pulse;
 mod raster;
 mod ring_scores;
 mod teacher;

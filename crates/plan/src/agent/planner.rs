@@ -3,8 +3,8 @@
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-use crate::job::reward_of;
-use crate::{Job, Plan, PlanError, PlanProgress, Planner, PlannerKind};
+use crate::pulse_by_pulse::plan_pulse_by_pulse;
+use crate::{Job, JobState, Plan, PlanError, PlanProgress, Planner, PlannerKind};
 
 use super::policy_agent::PolicyAgent;
 
@@ -27,23 +27,12 @@ impl Planner for AgentPlanner {
         progress: &mut dyn FnMut(&PlanProgress<'_>) -> ControlFlow<()>,
     ) -> Result<Plan, PlanError> {
         let mut memory = self.agent.memory();
-        let mut state = self.agent.start(job);
-        let mut positions = Vec::with_capacity(job.max_pulses().min(1024));
-        let mut gain_px = 0;
-        while !state.is_finished() {
-            let position = self.agent.decide(&state, &mut memory)?;
-            gain_px += state.pulse(position).gain_px();
-            positions.push(position);
-            let flow = progress(&PlanProgress {
-                planner: self.kind(),
-                fraction: positions.len() as f64 / job.max_pulses() as f64,
-                best_reward: reward_of(gain_px),
-                best_positions: &positions,
-            });
-            if flow.is_break() {
-                return Plan::new(job, positions, true);
+        let decide = |state: &JobState| {
+            if state.is_finished() {
+                return Ok(None);
             }
-        }
-        Plan::new(job, positions, false)
+            self.agent.decide(state, &mut memory).map(Some)
+        };
+        plan_pulse_by_pulse(self.kind(), self.agent.start(job), decide, progress)
     }
 }
