@@ -7,7 +7,14 @@ from typing import Annotated, Any, cast
 import typer
 from rich.table import Table
 
-from lasergym.cli.output import note, print_data, print_json, progress_bar, table
+from lasergym.cli.output import (
+    note,
+    print_data,
+    print_json,
+    progress_bar,
+    rounded_time,
+    table,
+)
 from lasergym.comparison import CompareOptions, Comparison, Progress, PulseBudget
 from lasergym.comparison import compare as run_comparison
 from lasergym.comparison.columns import DEFAULT_PLANNERS
@@ -189,12 +196,4 @@ def _description(progress: Progress) -> str:
     counted = f"comparing: {progress.done} of {progress.total}"
     if progress.remaining_s is None:
         return counted
-    return f"{counted}, {_rounded(progress.remaining_s)} left"
-
-
-def _rounded(time_s: float) -> str:
-    if time_s < 90:
-        return f"{time_s:.0f} s"
-    if time_s < 5400:
-        return f"{time_s / 60:.0f} min"
-    return f"{time_s / 3600:.1f} h"
+    return f"{counted}, {rounded_time(progress.remaining_s)} left"

@@ -11,7 +11,16 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Bar", "note", "print_data", "print_json", "progress_bar", "report_error", "table"]
+__all__ = [
+    "Bar",
+    "note",
+    "print_data",
+    "print_json",
+    "progress_bar",
+    "report_error",
+    "rounded_time",
+    "table",
+]
 
 
 def print_data(data: Table | str) -> None:
@@ -72,3 +81,12 @@ def progress_bar(description: str) -> Iterator[Bar]:
         disable=not console.is_terminal,
     ) as progress:
         yield Bar(progress, description)
+
+
+def rounded_time(time_s: float) -> str:
+    """A time that is left, in words: seconds, minutes or hours."""
+    if time_s < 90:
+        return f"{time_s:.0f} s"
+    if time_s < 5400:
+        return f"{time_s / 60:.0f} min"
+    return f"{time_s / 3600:.1f} h"

@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lasergym.cli.output import note, print_data, print_json, progress_bar, table
+from lasergym.cli.output import (
+    note,
+    print_data,
+    print_json,
+    progress_bar,
+    rounded_time,
+    table,
+)
 from lasergym.errors import OptionError
 from lasergym.training import TrainingConfig, preset
 
@@ -86,7 +93,7 @@ def train(
     else:
         _print(result)
     note(
-        f"{result.steps} pulses in {_rounded(result.training_s)}: {result.steps_per_s:.0f} per "
+        f"{result.steps} pulses in {rounded_time(result.training_s)}: {result.steps_per_s:.0f} per "
         f"second, {result.environment_fraction:.0%} of the time in the environment"
     )
     for path in result.files:
@@ -101,7 +108,7 @@ class _Display:
     def show(self, progress: "TrainingProgress") -> None:
         text = f"training: {_short(progress.steps)} of {_short(progress.total_steps)}"
         if progress.remaining_s is not None:
-            text += f", {_rounded(progress.remaining_s)} left"
+            text += f", {rounded_time(progress.remaining_s)} left"
         self.bar.show(min(1.0, progress.steps / progress.total_steps), text)
         line = progress.evaluated
         if line is not None:
@@ -144,11 +151,3 @@ def _short(number: int) -> str:
     if number < 1_000_000:
         return f"{number / 1e3:.0f} k"
     return f"{number / 1e6:.1f} M"
-
-
-def _rounded(time_s: float) -> str:
-    if time_s < 90:
-        return f"{time_s:.0f} s"
-    if time_s < 5400:
-        return f"{time_s / 60:.0f} min"
-    return f"{time_s / 3600:.1f} h"
