@@ -24,6 +24,7 @@ ALLOWED_CRATES: dict[str, set[str]] = {
     "toolpath": {"geom"},
     "ablation": {"geom"},
     "plan": {"geom", "toolpath", "ablation", "policy"},
+    "machine": {"geom", "toolpath", "ablation", "plan"},
     "milling": {"geom", "toolpath"},
     "galvo": {"geom", "toolpath"},
     "remote": {"geom", "toolpath"},
