@@ -24,7 +24,6 @@ ALLOWED_CRATES: dict[str, set[str]] = {
     "toolpath": {"geom"},
     "ablation": {"geom"},
     "plan": {"geom", "toolpath", "ablation", "policy"},
-    "machine": {"geom", "toolpath", "ablation", "plan"},
     "milling": {"geom", "toolpath"},
     "galvo": {"geom", "toolpath"},
     "remote": {"geom", "toolpath"},
