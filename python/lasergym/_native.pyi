@@ -21,6 +21,7 @@ __all__ = [
     "read_csv",
     "read_gcode",
     "score",
+    "shipped_policy",
     "shortest_order",
     "star",
     "target_png",
@@ -43,8 +44,6 @@ class Environment:
 
 @final
 class Policy:
-    @staticmethod
-    def load(path: Path) -> Policy: ...
     @staticmethod
     def from_bytes(content: bytes) -> Policy: ...
     def manifest(self) -> str: ...
@@ -151,6 +150,7 @@ def read_gcode(text: str, pulse_radius_px: float, frame: dict[str, Any]) -> NDAr
 def score(
     target: NDArray[np.bool_], xy_px: NDArray[np.float64], pulse_radius_px: float
 ) -> tuple[float, float, float, int]: ...
+def shipped_policy(name: str) -> bytes: ...
 def shortest_order(
     xy_px: NDArray[np.float64], start_px: tuple[float, float] | None
 ) -> NDArray[np.int64]: ...

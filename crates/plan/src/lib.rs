@@ -24,6 +24,8 @@ mod order;
 mod plan;
 mod planner;
 mod polish;
+#[cfg(feature = "pretrained")]
+mod pretrained;
 mod pulse_by_pulse;
 mod raster;
 mod ring_scores;
@@ -50,6 +52,8 @@ pub use order::{shortest_order, travel_px};
 pub use plan::Plan;
 pub use planner::{PlanProgress, Planner, PlannerKind};
 pub use polish::{PolishOptions, polish};
+#[cfg(feature = "pretrained")]
+pub use pretrained::Pretrained;
 pub use raster::{Raster, RasterPitch};
 pub use ring_scores::{RING_WIDTH_PX, RingScores};
 pub use teacher::{PulseAllowance, Teacher, TeacherOptions};

@@ -1,16 +1,16 @@
 //! Trained policies.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use lasergym_ablation::{DEFAULT_PULSE_RADIUS_PX, Workpiece};
 use lasergym_geom::{Bitmap, WORKPIECE_SIZE_PX};
-use lasergym_plan::{Decision, Job, PolicyAgent};
+use lasergym_plan::{Decision, Job, PolicyAgent, Pretrained};
 use numpy::ndarray::{Array1, ArrayView2, Axis};
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use crate::errors::{exception, plan_error};
 
@@ -26,15 +26,15 @@ impl NativePolicy {
     }
 }
 
+/// The file of a shipped policy.
+#[pyfunction]
+pub(crate) fn shipped_policy<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyBytes>> {
+    let policy: Pretrained = name.parse().map_err(plan_error)?;
+    Ok(PyBytes::new(py, policy.file()))
+}
+
 #[pymethods]
 impl NativePolicy {
-    /// Loads a policy file.
-    #[staticmethod]
-    fn load(path: PathBuf) -> PyResult<Self> {
-        let agent = PolicyAgent::load(path).map_err(plan_error)?;
-        Ok(Self { agent: Arc::new(agent) })
-    }
-
     /// Loads a policy from the bytes of a file.
     #[staticmethod]
     fn from_bytes(content: &[u8]) -> PyResult<Self> {
