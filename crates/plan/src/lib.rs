@@ -36,7 +36,10 @@ pub use agent::{
     PolicyAgent, SpatialDecision, Thinking, VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX,
     write_view,
 };
-pub use anneal::{Anneal, AnnealBudget, AnnealOptions, Completion, MOVES_PER_REPLACEMENT, Ramp};
+pub use anneal::{
+    Anneal, AnnealBudget, AnnealOptions, Completion, ExpectedCompletion, MAX_POINTING_ERROR_PX,
+    MOVES_PER_REPLACEMENT, PulseBlur, Ramp,
+};
 pub use cma_es::{
     Best, Bounds, CmaEs, CmaEsError, CmaEsOptions, CovarianceUpdate, MAX_GROWTHS,
     MAX_POPULATION_VALUES, Minimum, Progress, Restarts, StrategyParameters, Termination,

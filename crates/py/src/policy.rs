@@ -92,9 +92,7 @@ impl NativePolicy {
         max_pulses: u32,
     ) -> PyResult<Vec<f32>> {
         let channels = match self.agent.decision() {
-            Decision::Direct { .. } => {
-                self.agent.network().input().values() / (WORKPIECE_SIZE_PX * WORKPIECE_SIZE_PX)
-            }
+            Decision::Direct { .. } => self.agent.network().input().channels,
             Decision::Spatial(_) => 3,
         };
         let shape = observation.shape();
@@ -109,13 +107,9 @@ impl NativePolicy {
         }
         let pixels = observation.as_array();
         if let Decision::Direct { .. } = self.agent.decision() {
-            let network = self.agent.network();
             let values: Vec<u8> = pixels.iter().copied().collect();
-            let action = network
-                .act_bytes(&values, &mut network.scratch())
-                .map_err(|error| plan_error(error.into()))?
-                .to_vec();
-            return Ok(action);
+            let mut memory = self.agent.memory();
+            return self.agent.act_on(&values, &mut memory).map(Vec::from).map_err(plan_error);
         }
         let bitmap = |channel: ArrayView2<'_, u8>| {
             Bitmap::from_fn(|row, column| channel[[row, column]] > 127)

@@ -7,6 +7,7 @@
 mod completion;
 mod cover;
 mod cover_rows;
+mod expected;
 mod lattice;
 mod metropolis;
 mod options;
@@ -18,5 +19,6 @@ mod schedule;
 mod window;
 
 pub use completion::Completion;
+pub use expected::{ExpectedCompletion, MAX_POINTING_ERROR_PX, PulseBlur};
 pub use options::{AnnealBudget, AnnealOptions, MOVES_PER_REPLACEMENT, Ramp};
 pub use planner::Anneal;
