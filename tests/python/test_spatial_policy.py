@@ -165,7 +165,8 @@ def decided(
     corrections: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """The best action, place by place."""
-    worth = (observation[0] > 0).astype(int) - (observation[1] > 0).astype(int)
+    left = (observation[0] > 0).astype(int)
+    worth = left - (observation[1] > 0).astype(int)
     one = np.float32(1.0)
     best, pixel = -np.inf, candidate
     for down in range(17):
@@ -182,22 +183,25 @@ def decided(
         whole = min(int(place), 15)
         return whole, np.float32(place - whole)
 
-    chosen: tuple[float, int, Any] = (-np.inf, 0, None)
+    chosen: tuple[float, int, Any] = (-np.inf, -1000, None)
     for down in range(-4, 5):
         for right in range(-4, 5):
             x, y = pixel[1] + 0.5 + right / 8, pixel[0] + 0.5 + down / 8
             action = np.array([x / 50 - 1, y / 50 - 1]).astype(np.float32)
             reached = 50.0 * (1.0 + action.astype(np.float64))
-            gain = np.float32(worth[disc(reached[0], reached[1], 9.0)].sum())
+            mark = disc(reached[0], reached[1], 9.0)
+            gain = int(worth[mark].sum())
+            ring = int(left[disc(reached[0], reached[1], 12.0)].sum() - left[mark].sum())
+            score = np.float32(gain - 0.35 * ring if gain > 0 else -np.inf)
             (i, to_right), (j, to_down) = (
-                split(x - candidate[1] - 0.5),
-                split(y - candidate[0] - 0.5),
+                split(reached[0] - candidate[1] - 0.5),
+                split(reached[1] - candidate[0] - 0.5),
             )
             upper, lower = (
                 (one - to_right) * corrections[k, i] + to_right * corrections[k, i + 1]
                 for k in (j, j + 1)
             )
-            value = gain + ((one - to_down) * upper + to_down * lower)
+            value = score + ((one - to_down) * upper + to_down * lower)
             nearness = -(down**2 + right**2)
             if value > chosen[0] or (value == chosen[0] and nearness > chosen[1]):
                 chosen = (value, nearness, action)
@@ -215,7 +219,9 @@ def test_decisions_are_those_of_the_planner(spread_px: float) -> None:
     observations = torch.cat([observations, corners])
     scores = scores_of(observations)
     corrections = spread_px * torch.randn(10, 17, 17, generator=torch.manual_seed(0))
-    actions = best_actions(scores, corrections, pulse_radius_px=9.0, polish_px=0.5)
+    actions = best_actions(
+        scores, corrections, pulse_radius_px=9.0, ring_weight=0.35, polish_px=0.5
+    )
     for index, action in enumerate(actions):
         row, column = scores.candidates[index].tolist()
         expected = decided(

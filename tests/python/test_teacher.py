@@ -153,7 +153,7 @@ def test_the_network_learns_what_a_lesson_says() -> None:
     network = CorrectionNet(8)
     optimiser = torch.optim.Adam(network.parameters(), lr=5e-3)
     losses = []
-    for _ in range(25):
+    for _ in range(60):
         loss = lesson_loss(network(views), offsets, scores, values)
         optimiser.zero_grad()
         loss.backward()

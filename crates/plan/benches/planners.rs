@@ -47,7 +47,8 @@ fn parts(criterion: &mut Criterion) {
     criterion.bench_function("best of the gain map", |b| b.iter(|| black_box(&map).best()));
     criterion.bench_function("polish", |b| {
         let start = Point::new(50.5, 30.5);
-        b.iter(|| polish(&job, job.workpiece(), start, PolishOptions::default()));
+        let gain_px = |position| job.workpiece().preview(&job.footprint(position)).gain_px();
+        b.iter(|| polish(start, PolishOptions::default(), gain_px));
     });
 }
 

@@ -9,8 +9,8 @@ use crate::pulse_by_pulse::plan_pulse_by_pulse;
 use crate::{Job, JobState, Plan, PlanError, PlanProgress, Planner, PlannerKind};
 
 /// Pulse after pulse, each where hits − misses − `ring_weight` × (target left within 3 px about the
-/// mark) is largest at a pixel centre, then polished by its immediate gain. Ends when no pulse
-/// gains anything or the job allows no more.
+/// mark) is largest at a pixel centre, then polished by the same score. Ends when no pulse gains
+/// anything or the job allows no more.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Greedy {
     /// How much a remaining target pixel in the ring about a pulse counts against it, in [0, 1].
@@ -54,8 +54,8 @@ impl Planner for Greedy {
         let decide = |state: &JobState| {
             let (row, column) = state.scores().best();
             let center = Point::new(column as f64 + 0.5, row as f64 + 0.5);
-            let (position, gain_px) = polish(job, state.workpiece(), center, self.polish);
-            Ok((gain_px > 0).then_some(position))
+            let (position, score_px) = polish(center, self.polish, |p| state.score_px(p));
+            Ok(score_px.is_finite().then_some(position))
         };
         plan_pulse_by_pulse(self.kind(), JobState::new(job, self.ring_weight), decide, progress)
     }

@@ -57,6 +57,18 @@ impl JobState {
         self.workpiece.preview(&self.job.footprint(position)).gain_px()
     }
 
+    /// The ring score of a pulse at `position`, px: what [`RingScores`] says of pixel centres, at any
+    /// place; −∞ where it would gain nothing.
+    #[must_use]
+    pub fn score_px(&self, position: Point) -> f64 {
+        let outcome = self.workpiece.preview(&self.job.footprint(position));
+        if outcome.gain_px() <= 0 {
+            return f64::NEG_INFINITY;
+        }
+        f64::from(outcome.gain_px())
+            - self.scores.ring_penalty_px(&self.workpiece, position, outcome)
+    }
+
     /// Whether no pulse is left, or none at a pixel centre would gain anything.
     #[must_use]
     pub fn is_finished(&self) -> bool {
@@ -95,6 +107,8 @@ mod tests {
             let mut state = JobState::new(&job, 0.35);
             let mut sum_px = 0;
             for &position in &positions {
+                let score_px = state.score_px(position);
+                prop_assert_eq!(score_px.is_finite(), state.gain_px(position) > 0);
                 let expected_px = state.gain_px(position);
                 prop_assert_eq!(state.pulse(position).gain_px(), expected_px);
                 sum_px += expected_px;

@@ -3,10 +3,10 @@
 //! The pixel-centre rule makes a disc of radius 9 px cover 249 to 257 pixels depending on where its
 //! centre lies within a pixel, and lets it meet an edge exactly or not.
 
-use lasergym_ablation::{Workpiece, reachable_position};
+use lasergym_ablation::reachable_position;
 use lasergym_geom::{Point, WORKPIECE_SIZE_PX};
 
-use crate::{Job, PlanError};
+use crate::PlanError;
 
 /// The square of positions that are tried about a pulse.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,24 +54,21 @@ impl PolishOptions {
     }
 }
 
-/// The position about `start` with the largest immediate gain on `workpiece`, and the gain, px; of
-/// several the nearest. Positions stay on the workpiece and are ones that actions can reach; without
-/// a square to search, the pulse is left alone.
-#[must_use]
-pub fn polish(
-    job: &Job,
-    workpiece: &Workpiece,
+/// The position about `start` of the largest `value`, and the value; of several the nearest.
+/// Positions stay on the workpiece and are ones that actions can reach; without a square to search,
+/// the pulse is left alone.
+pub fn polish<V: PartialOrd>(
     start: Point,
     options: PolishOptions,
-) -> (Point, i32) {
+    mut value: impl FnMut(Point) -> V,
+) -> (Point, V) {
     let step_px = f64::from(options.steps_per_px.max(1)).recip();
     let reach = options.reach();
-    let gain_px = |position| workpiece.preview(&job.footprint(position)).gain_px();
     if reach == 0 {
-        return (start, gain_px(start));
+        return (start, value(start));
     }
     let center = reachable_position(start);
-    let mut best = (gain_px(center), 0, center);
+    let mut best = ((value(center), 0), center);
     for row in -reach..=reach {
         for column in -reach..=reach {
             let offset = Point::new(f64::from(column) * step_px, f64::from(row) * step_px);
@@ -81,20 +78,21 @@ pub fn polish(
                 continue;
             }
             let position = reachable_position(wanted);
-            // Larger gain first, shorter way second.
-            let candidate = (gain_px(position), -(row * row + column * column));
-            if candidate > (best.0, best.1) {
-                best = (candidate.0, candidate.1, position);
+            // Larger value first, shorter way second.
+            let candidate = (value(position), -(row * row + column * column));
+            if candidate > best.0 {
+                best = (candidate, position);
             }
         }
     }
-    (best.2, best.0)
+    (best.1, best.0.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lasergym_ablation::star;
+    use crate::Job;
+    use lasergym_ablation::{Workpiece, star};
     use proptest::prelude::*;
 
     proptest! {
@@ -106,11 +104,12 @@ mod tests {
             let job = Job::new(Workpiece::new(&star(0.0)).unwrap(), 9.0, 1).unwrap();
             let start = Point::new(x, y);
             let options = PolishOptions { range_px, steps_per_px };
-            let (position, gain_px) = polish(&job, job.workpiece(), start, options);
-            prop_assert_eq!(job.workpiece().preview(&job.footprint(position)).gain_px(), gain_px);
+            let gain_at = |position| job.workpiece().preview(&job.footprint(position)).gain_px();
+            let (position, gain_px) = polish(start, options, gain_at);
+            prop_assert_eq!(gain_at(position), gain_px);
             let searched = options.reach() > 0;
             let center = if searched { reachable_position(start) } else { start };
-            prop_assert!(gain_px >= job.workpiece().preview(&job.footprint(center)).gain_px());
+            prop_assert!(gain_px >= gain_at(center));
             prop_assert!(!searched || reachable_position(position) == position);
             let offset = position - start;
             prop_assert!(offset.x.abs().max(offset.y.abs()) <= range_px + 1e-5);

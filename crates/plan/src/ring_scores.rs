@@ -1,6 +1,6 @@
 //! How promising each pixel centre is for the next pulse.
 
-use lasergym_ablation::{MAX_PULSE_RADIUS_PX, PulseOutcome, Workpiece};
+use lasergym_ablation::{Footprint, MAX_PULSE_RADIUS_PX, Pulse, PulseOutcome, Workpiece};
 use lasergym_geom::{Bitmap, Point, WORKPIECE_SIZE_PX};
 
 use crate::{GainMap, Job};
@@ -13,6 +13,7 @@ pub const RING_WIDTH_PX: f64 = 3.0;
 #[derive(Debug, Clone)]
 pub struct RingScores {
     ring_weight: f64,
+    outer_radius_px: f64,
     gains: GainMap,
     /// Target that remains within the ring's outer radius and within the pulse; only kept when the
     /// ring counts.
@@ -24,12 +25,13 @@ impl RingScores {
     #[must_use]
     pub fn new(workpiece: &Workpiece, pulse_radius_px: f64, ring_weight: f64) -> Self {
         let target = Workpiece::partly_machined(workpiece.remaining(), &Bitmap::EMPTY);
+        let outer_radius_px = (pulse_radius_px + RING_WIDTH_PX).min(MAX_PULSE_RADIUS_PX);
         Self {
             ring_weight,
+            outer_radius_px,
             gains: GainMap::new(workpiece, pulse_radius_px),
             surroundings: (ring_weight > 0.0).then(|| {
-                let outer_px = (pulse_radius_px + RING_WIDTH_PX).min(MAX_PULSE_RADIUS_PX);
-                [outer_px, pulse_radius_px].map(|radius_px| GainMap::new(&target, radius_px))
+                [outer_radius_px, pulse_radius_px].map(|radius_px| GainMap::new(&target, radius_px))
             }),
         }
     }
@@ -68,6 +70,23 @@ impl RingScores {
             - self.ring_weight * f64::from(self.ring_px(row, column))
     }
 
+    /// What the ring about a pulse anywhere counts against it, px: `outcome` is what the pulse at
+    /// `position` would machine on `workpiece`.
+    #[must_use]
+    pub fn ring_penalty_px(
+        &self,
+        workpiece: &Workpiece,
+        position: Point,
+        outcome: PulseOutcome,
+    ) -> f64 {
+        if self.surroundings.is_none() {
+            return 0.0;
+        }
+        let wide = Footprint::of(Pulse { position, radius_px: self.outer_radius_px });
+        let ring_px = workpiece.preview(&wide).hit_px.saturating_sub(outcome.hit_px);
+        self.ring_weight * f64::from(ring_px)
+    }
+
     /// The pixel (row, column) of largest score among those that gain anything, the first of
     /// several; where none gains, the one of largest gain.
     #[must_use]
@@ -98,7 +117,7 @@ impl RingScores {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lasergym_ablation::{Footprint, Pulse, star};
+    use lasergym_ablation::star;
     use proptest::prelude::*;
 
     /// Target left under a disc.

@@ -212,8 +212,8 @@ impl Lesson {
         let polish_options =
             PolishOptions { range_px: SpatialDecision::default().polish_px, steps_per_px: 8 };
         let value_px = |&pixel| {
-            let (job, workpiece) = (self.state.job(), self.state.workpiece());
-            let (position, _) = polish(job, workpiece, center(pixel), polish_options);
+            let score_px = |position| self.state.score_px(position);
+            let (position, _) = polish(center(pixel), polish_options, score_px);
             completion.value_px(position, moves)
         };
         Ok(pixels.iter().map(value_px).collect())

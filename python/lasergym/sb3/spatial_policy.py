@@ -191,6 +191,7 @@ class SpatialPolicy(ActorCriticPolicy):
                 sight.scores,
                 sight.corrections,
                 pulse_radius_px=self.pulse_radius_px,
+                ring_weight=self.ring_weight,
                 polish_px=self.polish_px,
             ),
         )

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from lasergym.sb3.spatial_network import CORRECTION_REACH_PX
-from lasergym.sb3.spatial_scores import RingScores
+from lasergym.sb3.spatial_scores import LARGEST_RADIUS_PX, RING_WIDTH_PX, RingScores
 from lasergym.targets import SIZE_PX
 
 __all__ = ["best_actions", "best_pixels", "corrected_scores"]
@@ -52,18 +52,25 @@ def best_pixels(scores: RingScores, corrections: Tensor) -> Tensor:
 
 @torch.no_grad()
 def best_actions(
-    scores: RingScores, corrections: Tensor, *, pulse_radius_px: float, polish_px: float
+    scores: RingScores,
+    corrections: Tensor,
+    *,
+    pulse_radius_px: float,
+    ring_weight: float,
+    polish_px: float,
 ) -> Tensor:
     """The best actions: the best pixel, polished.
 
-    Within ``polish_px`` of its centre, in steps of 1/8 px, the place of largest gain + correction
-    is taken, of several the nearest. Gains are those of the position that the action, which is
-    float32, stands for. Between pixels corrections are bilinear, beyond the last ones constant.
+    Within ``polish_px`` of its centre, in steps of 1/8 px, the place of largest ring score +
+    correction is taken among those that gain anything, of several the nearest. Scores are those of
+    the position that the action, which is float32, stands for. Between pixels corrections are
+    bilinear, beyond the last ones constant.
 
     Args:
         scores: The ring scores.
         corrections: About their candidates, px, shape (batch, 17, 17).
         pulse_radius_px: Radius of a pulse, px.
+        ring_weight: Weight of the ring in the scores.
         polish_px: Range of the polish along x and y, px; 0 keeps the centre.
 
     Returns:
@@ -75,9 +82,21 @@ def best_actions(
     offsets = steps.double() / _STEPS_PER_PX
     wanted = pixels[:, :, None].double() + 0.5 + offsets  # (batch, row or column, step)
     actions = (wanted / (SIZE_PX / 2) - 1.0).float()
-    gains = _gains(scores, pixels, actions, pulse_radius_px, polish_px)
-    from_candidates = wanted - (scores.candidates[:, :, None].double() + 0.5)
-    values = gains + _between(corrections, from_candidates)
+    positions = (SIZE_PX / 2) * (1.0 + actions.double())
+    reach_px = pulse_radius_px + RING_WIDTH_PX + polish_px
+
+    def machined(worth: Tensor, radius_px: float) -> Tensor:
+        return _disc_sums(worth, pixels, positions, radius_px, reach_px)
+
+    values = gains = machined(scores.worth, pulse_radius_px)
+    if ring_weight > 0:
+        remaining = scores.layers[:, 0]
+        outer_px = min(pulse_radius_px + RING_WIDTH_PX, LARGEST_RADIUS_PX)
+        rings = machined(remaining, outer_px) - machined(remaining, pulse_radius_px)
+        values = (gains.double() - ring_weight * rings.double()).float()
+    values = values.masked_fill(gains <= 0, -torch.inf)
+    from_candidates = positions - (scores.candidates[:, :, None].double() + 0.5)
+    values = values + _between(corrections, from_candidates)
     valid = ((wanted >= 0.0) & (wanted <= SIZE_PX)).unbind(1)
     values = values.masked_fill(~(valid[0][:, :, None] & valid[1][:, None, :]), -torch.inf)
     values = values.flatten(1)
@@ -91,35 +110,34 @@ def best_actions(
     return torch.cat([chosen_x, chosen_y], 1)
 
 
-def _gains(
-    scores: RingScores, pixels: Tensor, actions: Tensor, pulse_radius_px: float, polish_px: float
+def _disc_sums(
+    worth: Tensor, pixels: Tensor, positions: Tensor, radius_px: float, reach_px: float
 ) -> Tensor:
-    """Gains of pulses at every combination of actions along y and x, px.
+    """What discs cover at every combination of positions along y and x, px.
 
     Args:
-        scores: The ring scores.
-        pixels: Rows and columns that the actions are near to, (batch, 2).
-        actions: Along y and along x, (batch, 2, steps).
-        pulse_radius_px: Radius of a pulse, px.
-        polish_px: How far actions are from their pixels, px.
+        worth: What each pixel counts, shape (batch, 100, 100).
+        pixels: Rows and columns that the positions are near to, (batch, 2).
+        positions: Along y and along x, px, (batch, 2, steps).
+        radius_px: Radius of the discs, px.
+        reach_px: No disc reaches further from its pixel, px.
 
     Returns:
         float32 of shape (batch, steps along y, steps along x).
     """
-    reach = int(pulse_radius_px + polish_px) + 1
+    reach = int(reach_px) + 1
     near = pixels[:, :, None] + torch.arange(-reach, reach + 1, device=pixels.device)
     on_workpiece = _on_workpiece(near)
     rows, columns = near.clamp(0, SIZE_PX - 1).unbind(1)
-    worth = _taken(scores.worth, rows, columns)
+    worth = _taken(worth, rows, columns)
     worth = worth * on_workpiece[:, 0, :, None] * on_workpiece[:, 1, None, :]
-    positions = (SIZE_PX / 2) * (1.0 + actions.double())
     squares = (near[:, :, None, :].double() + 0.5 - positions[:, :, :, None]).square()
     along_y, along_x = squares.unbind(1)  # Each (batch, step, row or column).
-    discs = along_x[:, None, :, None, :] + along_y[:, :, None, :, None] <= pulse_radius_px**2
+    discs = along_x[:, None, :, None, :] + along_y[:, :, None, :, None] <= radius_px**2
     covered = discs.flatten(3).flatten(1, 2).float()
-    steps = actions.shape[2]
-    gains: Tensor = covered @ worth.float().flatten(1)[:, :, None]
-    return gains.reshape(-1, steps, steps)
+    steps = positions.shape[2]
+    sums: Tensor = covered @ worth.float().flatten(1)[:, :, None]
+    return sums.reshape(-1, steps, steps)
 
 
 def _between(corrections: Tensor, places: Tensor) -> Tensor:

@@ -10,12 +10,12 @@ from torch.nn import functional
 
 from lasergym.targets import SIZE_PX
 
-__all__ = ["RING_WIDTH_PX", "RingScores", "disc_sums", "ring_scores"]
+__all__ = ["LARGEST_RADIUS_PX", "RING_WIDTH_PX", "RingScores", "disc_sums", "ring_scores"]
 
 RING_WIDTH_PX = 3.0
 """Width of the ring about a pulse in which remaining target counts against it, px."""
 
-_LARGEST_RADIUS_PX = 50.0
+LARGEST_RADIUS_PX = 50.0
 """Pulses and rings reach no further, px."""
 
 
@@ -67,7 +67,7 @@ def ring_scores(
     gains = disc_sums(remaining - forbidden, pulse_radius_px)
     rings = torch.zeros_like(gains)
     if ring_weight > 0:
-        outer_px = min(pulse_radius_px + RING_WIDTH_PX, _LARGEST_RADIUS_PX)
+        outer_px = min(pulse_radius_px + RING_WIDTH_PX, LARGEST_RADIUS_PX)
         rings = disc_sums(remaining, outer_px) - disc_sums(remaining, pulse_radius_px)
     promises = gains.float() - ring_weight * rings.float()
     promises = promises.masked_fill(gains <= 0, -torch.inf).flatten(1)

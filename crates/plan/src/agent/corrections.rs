@@ -4,6 +4,7 @@ use lasergym_ablation::reachable_position;
 use lasergym_geom::{Point, WORKPIECE_SIZE_PX};
 
 use crate::JobState;
+use crate::polish::{PolishOptions, polish};
 
 /// How far the corrections reach from the candidate along x and along y, px.
 pub const CORRECTION_REACH_PX: usize = 8;
@@ -46,41 +47,24 @@ impl<'a> Corrections<'a> {
 }
 
 /// The best position about the pixel `candidate` (row, column): the pixel of largest ring score +
-/// correction, then the place within `polish_px` of its centre, in steps of 1/8 px, of largest gain
-/// + correction. Of several the nearest.
+/// correction, then the place within `polish_px` of its centre, in steps of 1/8 px, where the same
+/// sum is largest. Of several the nearest.
 pub(super) fn best_position(
     state: &JobState,
     candidate: (usize, usize),
     corrections: Corrections<'_>,
     polish_px: f64,
 ) -> Point {
-    const STEPS_PER_PX: i32 = 8;
     let (row, column) = best_pixel(state, candidate, corrections);
     let center = |pixel: usize| pixel as f64 + 0.5;
     let start = Point::new(center(column), center(row));
     let origin = Point::new(center(candidate.1), center(candidate.0));
-    let reach = (polish_px * f64::from(STEPS_PER_PX)).floor() as i32;
-    let mut best = (f32::NEG_INFINITY, 0, reachable_position(start));
-    for down in -reach..=reach {
-        for right in -reach..=reach {
-            let offset =
-                Point::new(f64::from(right), f64::from(down)) * f64::from(STEPS_PER_PX).recip();
-            let wanted = start + offset;
-            let on_workpiece = 0.0..=WORKPIECE_SIZE_PX as f64;
-            if !(on_workpiece.contains(&wanted.x) && on_workpiece.contains(&wanted.y)) {
-                continue;
-            }
-            let position = reachable_position(wanted);
-            let from_candidate = wanted - origin;
-            let value_px = state.gain_px(position) as f32
-                + corrections.between(from_candidate.x, from_candidate.y);
-            let nearness = -(down * down + right * right);
-            if (value_px, nearness) > (best.0, best.1) {
-                best = (value_px, nearness, position);
-            }
-        }
-    }
-    best.2
+    let options = PolishOptions { range_px: polish_px, steps_per_px: 8 };
+    let corrected_px = |position: Point| {
+        let offset = position - origin;
+        state.score_px(position) as f32 + corrections.between(offset.x, offset.y)
+    };
+    reachable_position(polish(start, options, corrected_px).0)
 }
 
 /// The pixel of largest ring score + correction among the candidate and those that gain anything,
@@ -114,7 +98,7 @@ fn best_pixel(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Greedy, Job, Planner, PolishOptions};
+    use crate::{Greedy, Job, Planner};
     use lasergym_ablation::{Workpiece, star};
     use proptest::prelude::*;
 

@@ -40,7 +40,7 @@ fn every_pixel() -> usize {
 pub struct SpatialDecision {
     /// Weight of the ring in the score that the network corrects, in [0, 1].
     pub ring_weight: f64,
-    /// Range of the final polish by immediate gain and correction, px, in [0, 2].
+    /// Range of the final polish by ring score and correction, px, in [0, 2].
     pub polish_px: f64,
 }
 
