@@ -239,6 +239,7 @@ class CorrectionLearner:
         began_s = time.perf_counter() - self._elapsed_s
         returns: list[float] = []
         lessons = 0
+        least = min(self.options.capacity, _LEAST_BATCHES * self.options.batch_size)
         while self.updates < self.options.updates:
             teacher = self._teachers[lessons % len(self._teachers)]
             taught_s = time.perf_counter()
@@ -246,7 +247,7 @@ class CorrectionLearner:
             self._teaching_s += time.perf_counter() - taught_s
             returns += ended
             left = self.options.updates - self.updates
-            if self._samples.made >= _LEAST_BATCHES * self.options.batch_size:
+            if self._samples.made >= least:
                 for _ in range(min(self.options.updates_per_lesson, left)):
                     self._update()
             lessons += 1
