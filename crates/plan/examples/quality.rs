@@ -48,7 +48,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     if let Some(agent) = agent {
         let thinking = Thinking::Time(Duration::from_millis(20));
         planners.push(("policy", Box::new(AgentPlanner { agent: Arc::clone(&agent) })));
-        planners.push(("agent-mpc", Box::new(ForesightPlanner { agent, thinking, seed: 0 })));
+        planners.push((
+            "agent-mpc",
+            Box::new(ForesightPlanner { agent, thinking, seed: 0, pointing_error_px: 0.0 }),
+        ));
     }
     let mut sums = vec![(0.0, 0.0); planners.len()];
     for k in 0..shapes {

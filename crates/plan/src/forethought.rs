@@ -1,13 +1,20 @@
 //! The plan for the rest of a job that is kept from decision to decision.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use lasergym_geom::Point;
 
-use crate::{Completion, Decider, JobState, PlanError};
+use crate::{
+    Completion, Decider, ExpectedCompletion, Job, JobState, MAX_POINTING_ERROR_PX, PlanError,
+    PulseBlur,
+};
 
 /// Metropolis moves between two looks at the clock.
 const MOVES_AT_ONCE: u64 = 3000;
+
+/// The same of moves that are judged by expected gain, which take longer.
+const EXPECTED_MOVES_AT_ONCE: u64 = 600;
 
 /// How long is thought about each pulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,12 +32,13 @@ impl Thinking {
         matches!(self, Self::Time(Duration::ZERO) | Self::Moves(0))
     }
 
-    /// Refines `completion`, counting the time from `began`.
-    fn refine(self, completion: &mut Completion, began: Instant) {
+    /// Spends all on `refine`, which is told numbers of moves: with a time limit, counted from
+    /// `began`, always `moves_at_once`.
+    fn spend(self, began: Instant, moves_at_once: u64, mut refine: impl FnMut(u64)) {
         match self {
-            Self::Moves(moves) => completion.refine(moves),
+            Self::Moves(moves) => refine(moves),
             Self::Time(time) => loop {
-                completion.refine(MOVES_AT_ONCE);
+                refine(moves_at_once);
                 if began.elapsed() >= time {
                     break;
                 }
@@ -45,11 +53,29 @@ pub(crate) struct Forethought {
     thinking: Thinking,
     seed: u64,
     planned: Vec<Point>,
+    /// Standard deviation of the pulses' displacement, px; 0 plans for pulses that hit their aim.
+    pointing_error_px: f64,
+    /// What that makes of pulses of a radius.
+    blur: Option<(f64, Arc<PulseBlur>)>,
 }
 
 impl Forethought {
     pub(crate) fn new(thinking: Thinking, seed: u64) -> Self {
-        Self { thinking, seed, planned: Vec::new() }
+        Self { thinking, seed, planned: Vec::new(), pointing_error_px: 0.0, blur: None }
+    }
+
+    /// Plans on the gain that is expected of pulses displaced by `pointing_error_px`.
+    pub(crate) fn expect(&mut self, pointing_error_px: f64) -> Result<(), PlanError> {
+        if !(0.0..=MAX_POINTING_ERROR_PX).contains(&pointing_error_px) {
+            return Err(PlanError::InvalidOption {
+                name: "pointing_error_px",
+                value: pointing_error_px.to_string(),
+                expected: "in [0, 8] px",
+            });
+        }
+        self.pointing_error_px = pointing_error_px;
+        self.blur = None;
+        Ok(())
     }
 
     /// Whether no pulse is planned yet.
@@ -79,8 +105,12 @@ impl Forethought {
         self.planned.truncate(state.pulses_left());
         self.imagine(state, imagination)?;
         let seed = self.seed.wrapping_add(state.pulses_left() as u64);
-        let mut completion = Completion::new(&state.rest()?, &self.planned, seed)?;
-        self.thinking.refine(&mut completion, began);
+        let rest = state.rest()?;
+        if self.pointing_error_px > 0.0 {
+            return self.decide_expecting(&rest, seed, began);
+        }
+        let mut completion = Completion::new(&rest, &self.planned, seed)?;
+        self.thinking.spend(began, MOVES_AT_ONCE, |moves| completion.refine(moves));
         self.planned = completion.positions();
         let best = (0..self.planned.len()).max_by_key(|&k| {
             // The first of equals.
@@ -92,6 +122,29 @@ impl Forethought {
             }
             _ => imagination.decide(state),
         }
+    }
+
+    /// Refines the plan by what is expected of it and takes out the pulse of largest expected gain;
+    /// none where that is not above 0.
+    fn decide_expecting(
+        &mut self,
+        rest: &Job,
+        seed: u64,
+        began: Instant,
+    ) -> Result<Option<Point>, PlanError> {
+        let radius_px = rest.pulse_radius_px();
+        let blur = match &self.blur {
+            Some((known_px, blur)) if known_px.total_cmp(&radius_px).is_eq() => Arc::clone(blur),
+            _ => Arc::new(PulseBlur::new(radius_px, self.pointing_error_px)?),
+        };
+        let mut completion = ExpectedCompletion::new(rest, &self.planned, &blur, seed);
+        self.blur = Some((radius_px, blur));
+        self.thinking.spend(began, EXPECTED_MOVES_AT_ONCE, |moves| completion.refine(moves));
+        self.planned = completion.positions();
+        let gains_px: Vec<f64> =
+            self.planned.iter().map(|&position| completion.first_gain_px(position)).collect();
+        let best = (0..gains_px.len()).max_by(|&a, &b| gains_px[a].total_cmp(&gains_px[b]));
+        Ok(best.filter(|&best| gains_px[best] > 0.0).map(|best| self.planned.remove(best)))
     }
 
     fn imagine(

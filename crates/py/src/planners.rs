@@ -53,6 +53,7 @@ impl PlanSettings<'_> {
                 agent: self.agent()?,
                 thinking: self.thinking()?,
                 seed: self.seed,
+                pointing_error_px: 0.0,
             }),
             other => return Err(option_error("planner", other, "one of those above")),
         })

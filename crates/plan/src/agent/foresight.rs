@@ -32,6 +32,16 @@ impl Foresight {
         let forethought = Forethought::new(thinking, seed);
         Self { policy: PolicyDecider::new(agent), thinking, forethought }
     }
+
+    /// Plans on the gain that is expected of pulses which are displaced by `pointing_error_px`
+    /// (standard deviation along each axis), and ends when no pulse is expected to gain anything.
+    ///
+    /// # Errors
+    /// [`PlanError::InvalidOption`] for an error outside [0, 8] px.
+    pub fn expecting(mut self, pointing_error_px: f64) -> Result<Self, PlanError> {
+        self.forethought.expect(pointing_error_px)?;
+        Ok(self)
+    }
 }
 
 impl Decider for Foresight {
@@ -60,6 +70,9 @@ pub struct ForesightPlanner {
     pub thinking: Thinking,
     /// Seed of the moves.
     pub seed: u64,
+    /// Standard deviation along each axis by which pulses are known to be displaced, px, in [0, 8]:
+    /// above 0 the plan is the best expected one.
+    pub pointing_error_px: f64,
 }
 
 impl Planner for ForesightPlanner {
@@ -72,7 +85,8 @@ impl Planner for ForesightPlanner {
         job: &Job,
         progress: &mut dyn FnMut(&PlanProgress<'_>) -> ControlFlow<()>,
     ) -> Result<Plan, PlanError> {
-        let mut foresight = Foresight::new(Arc::clone(&self.agent), self.thinking, self.seed);
+        let mut foresight = Foresight::new(Arc::clone(&self.agent), self.thinking, self.seed)
+            .expecting(self.pointing_error_px)?;
         plan_pulse_by_pulse(self.kind(), job, &mut foresight, progress)
     }
 }
@@ -86,7 +100,7 @@ mod tests {
     use std::time::Duration;
 
     fn planner(agent: &Arc<PolicyAgent>, thinking: Thinking) -> ForesightPlanner {
-        ForesightPlanner { agent: Arc::clone(agent), thinking, seed: 3 }
+        ForesightPlanner { agent: Arc::clone(agent), thinking, seed: 3, pointing_error_px: 0.0 }
     }
 
     fn job(seed: u64) -> Job {
@@ -141,6 +155,28 @@ mod tests {
             gain_px
         });
         assert!(rewards[1] > rewards[0], "{rewards:?}");
+    }
+
+    #[test]
+    fn with_known_errors_planning_on_what_is_expected_pays() {
+        let agent = Arc::new(spatial());
+        let mut gains_px = [0, 0];
+        for seed in 0..6 {
+            let job = job(seed);
+            for (sum_px, expected_px) in gains_px.iter_mut().zip([0.0, 2.0]) {
+                let mut stream = Stream::from_seed(seed);
+                let mut foresight = Foresight::new(Arc::clone(&agent), Thinking::Moves(1500), 0)
+                    .expecting(expected_px)
+                    .unwrap();
+                let mut state = foresight.start(&job);
+                while let Some(position) = foresight.decide(&state).unwrap() {
+                    *sum_px += state.pulse(position + stream.displacement(2.0)).gain_px();
+                }
+            }
+        }
+        assert!(gains_px[1] > gains_px[0], "{gains_px:?}");
+        let refused = Foresight::new(agent, Thinking::Moves(1), 0).expecting(f64::NAN);
+        assert!(matches!(refused, Err(PlanError::InvalidOption { .. })));
     }
 
     #[test]

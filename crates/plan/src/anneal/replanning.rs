@@ -43,6 +43,15 @@ pub struct Replanning {
 }
 
 impl Replanning {
+    /// Plans on expected gain from the second decision on, as [`crate::Foresight::expecting`] does.
+    ///
+    /// # Errors
+    /// [`PlanError::InvalidOption`] for an error outside [0, 8] px.
+    pub fn expecting(mut self, pointing_error_px: f64) -> Result<Self, PlanError> {
+        self.forethought.expect(pointing_error_px)?;
+        Ok(self)
+    }
+
     /// Replanning with `options`.
     ///
     /// # Errors
