@@ -9,6 +9,7 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::{Job, PlanError};
 
+use super::lattice::signed;
 use super::options::Ramp;
 use super::planner::NARROW_RADIUS_PX;
 
@@ -130,7 +131,7 @@ impl ExpectedCompletion {
         };
         let from = self.aims[k];
         let to = Aim { x: from.x + step(), y: from.y + step() };
-        let edge = (WORKPIECE_SIZE_PX * STEPS_PER_PX) as i32;
+        let edge = signed(WORKPIECE_SIZE_PX * STEPS_PER_PX);
         if to == from || !(0..=edge).contains(&to.x) || !(0..=edge).contains(&to.y) {
             return;
         }
@@ -255,8 +256,9 @@ impl PulseBlur {
     /// the tables that belong to them.
     #[inline]
     fn rows(&self, aim: Aim, mut each: impl FnMut(std::ops::Range<usize>, std::ops::Range<usize>)) {
-        let (size, steps) = (WORKPIECE_SIZE_PX as i32, STEPS_PER_PX as i32);
-        let (reach, side) = (self.reach_px as i32, 2 * self.reach_px as i32 + 1);
+        let (size, steps) = (signed(WORKPIECE_SIZE_PX), signed(STEPS_PER_PX));
+        let reach = signed(self.reach_px);
+        let side = 2 * reach + 1;
         let (column, row) = (aim.x.div_euclid(steps), aim.y.div_euclid(steps));
         let table = (aim.y.rem_euclid(steps) * steps + aim.x.rem_euclid(steps)) * side * side;
         let (first, end) = ((column - reach).max(0), (column + reach + 1).min(size));
