@@ -14,6 +14,7 @@ __all__ = [
     "Policy",
     "Teacher",
     "TrajectoryPicture",
+    "gif",
     "load_drawing",
     "plan",
     "random_shape",
@@ -135,6 +136,7 @@ class TrajectoryPicture:
     def png(self) -> bytes: ...
     def rgb_array(self) -> NDArray[np.uint8]: ...
 
+def gif(pictures: NDArray[np.uint8], delay_s: float) -> bytes: ...
 def load_drawing(
     path: Path, margin_px: float, threshold: float, ink: str, invert: bool, fit: str
 ) -> NDArray[np.bool_]: ...

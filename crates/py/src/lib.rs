@@ -29,7 +29,7 @@ mod _native {
     #[pymodule_export]
     use crate::environment::NativeEnvironment;
     #[pymodule_export]
-    use crate::pictures::NativeTrajectoryPicture;
+    use crate::pictures::{NativeTrajectoryPicture, gif};
     #[pymodule_export]
     use crate::planners::{plan, shortest_order};
     #[pymodule_export]
