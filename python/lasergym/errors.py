@@ -159,3 +159,19 @@ class ProtocolError(DriverError):
     """What a device said cannot be true."""
 
     kind = "protocol"
+
+
+class JobError(LasergymError, ValueError):
+    """A job cannot be begun or resumed as it was asked for."""
+
+
+class JournalError(JobError):
+    """A journal cannot be read."""
+
+
+class JobFailedError(LasergymError, RuntimeError):
+    """A job cannot go on, for instance since its journal cannot be written."""
+
+
+class CalibrationError(LasergymError, ValueError):
+    """The camera's view of the workpiece is not known well enough."""

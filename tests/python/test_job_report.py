@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import lasergym
-from lasergym.machine import JournalError, read_report, write_report
+from lasergym.errors import JournalError
+from lasergym.machine import read_report, write_report
 from lasergym.machine.journal import JOURNAL_NAME
 from synthetic_job import write_job
 

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import lasergym
+from lasergym.errors import JournalError
 from lasergym.machine.journal import (
     JOURNAL_NAME,
     Begin,
@@ -15,7 +16,6 @@ from lasergym.machine.journal import (
     Fault,
     FrameTaken,
     Intent,
-    JournalError,
     Observed,
     Resumed,
     Unknown,

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
-from lasergym.errors import LasergymError
+from lasergym.errors import JournalError
 from lasergym.targets import SIZE_PX, Target
 
 __all__ = [
@@ -30,7 +30,6 @@ __all__ = [
     "FrameTaken",
     "Intent",
     "Journal",
-    "JournalError",
     "Mark",
     "Observed",
     "Position",
@@ -49,10 +48,6 @@ Verdict: TypeAlias = Literal["seen", "nothing", "uncertain", "dry"]
 """What looking at the workpiece after a pulse said; ``"dry"`` where the laser was not to fire."""
 
 _Kind = TypeVar("_Kind")
-
-
-class JournalError(LasergymError, ValueError):
-    """A journal cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +80,8 @@ class Begin:
         calibration: How the camera sees the workpiece.
         seed: Seed of planner and simulator.
         dry_run: Whether the laser is not to fire.
+        completion: Machined fraction of the target at which the job is complete.
+        imaging_um: Where the stage is while frames are taken, µm.
         version: Version of the journal's format.
     """
 
@@ -96,6 +93,8 @@ class Begin:
     calibration: Mapping[str, Any] | None = None
     seed: int = 0
     dry_run: bool = False
+    completion: float = 1.0
+    imaging_um: tuple[float, float] = (50.0, 50.0)
     version: int = 1
 
     kind: ClassVar[str] = "begin"
@@ -399,7 +398,9 @@ def _record(fields: dict[str, Any], line: int) -> Record:
     kind = made.pop("kind", None)
     try:
         if kind == Begin.kind:
-            return _known(Begin, made | {"target": _target(made["target"])})
+            x_um, y_um = made.get("imaging_um", (50.0, 50.0))
+            read = {"target": _target(made["target"]), "imaging_um": (x_um, y_um)}
+            return _known(Begin, made | read)
         if kind == Observed.kind:
             marks = tuple(_known(Mark, mark) for mark in made["marks"])
             shift = tuple(float(value) for value in made.get("shift_px", (0.0, 0.0)))

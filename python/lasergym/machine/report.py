@@ -32,10 +32,21 @@ from lasergym.machine.journal import (
 from lasergym.machine.report_page import report_page
 from lasergym.render import render_trajectory
 
-__all__ = ["JobReport", "Step", "read_report", "write_report"]
+__all__ = ["RIG_NAME", "JobReport", "Step", "read_report", "write_report"]
 
 REPORT_FILES = ("report.html", "report.json", "job.png", "job.gif")
 """What :func:`write_report` leaves in the folder of the job."""
+
+RIG_NAME = "rig.json"
+"""Where the folder of a simulated job keeps its machine."""
+
+_SIMULATED_PHASES = {
+    "move_s": "move_s",
+    "settle_s": "settle_s",
+    "camera_s": "expose_s",
+    "fire_s": "pulse_s",
+}
+"""Phases of a job whose time a simulated machine tells, and what it calls them."""
 
 _ANIMATION_WIDTH_PX = 360
 _ANIMATION_DELAY_S = 0.15
@@ -164,6 +175,7 @@ def read_report(folder: str | os.PathLike[str]) -> JobReport:
     seen = journal.of(Observed)
     end = journal.end
     last: End | Observed | None = end or (seen[-1] if seen else None)
+    elapsed_s, phases = _times(journal, Path(folder) / RIG_NAME)
     return JobReport(
         folder=Path(folder),
         begin=begin,
@@ -172,8 +184,8 @@ def read_report(folder: str | os.PathLike[str]) -> JobReport:
         machined_fraction=0.0 if last is None else last.machined_fraction,
         off_target_fraction=0.0 if last is None else last.off_target_fraction,
         pulses=sum(bool(_marks(step)) for step in steps) if end is None else end.pulses,
-        elapsed_s=sum(stop.elapsed_s for stop in journal.of(End)),
-        phases=_phases(journal),
+        elapsed_s=elapsed_s,
+        phases=phases,
         faults=tuple(journal.of(Fault)),
         resumed=len(journal.of(Resumed)),
         steps=steps,
@@ -235,13 +247,24 @@ def _marks(step: Step) -> tuple[Mark, ...]:
     return () if step.observed is None else step.observed.marks
 
 
-def _phases(journal: Journal) -> dict[str, float]:
-    """Time of each phase, s, of all the times that the job was under way and came to a stop."""
+def _times(journal: Journal, rig: Path) -> tuple[float, dict[str, float]]:
+    """Time altogether and by phase, s, of every time that the job was begun or resumed.
+
+    Simulated devices do not take the time that real ones would, but tell it.
+    """
+    stops = journal.of(End)
+    elapsed_s = sum(stop.elapsed_s for stop in stops)
     phases: dict[str, float] = {}
-    for stop in journal.of(End):
+    for stop in stops:
         for name, time_s in stop.phases.items():
             phases[name] = phases.get(name, 0.0) + time_s
-    return phases
+    if not rig.is_file():
+        return elapsed_s, phases
+    simulated = json.loads(rig.read_text(encoding="utf-8"))["elapsed"]
+    for name, simulated_name in _SIMULATED_PHASES.items():
+        elapsed_s += simulated[simulated_name] - phases.get(name, 0.0)
+        phases[name] = simulated[simulated_name]
+    return elapsed_s, phases
 
 
 def _step_as_dict(step: Step) -> dict[str, Any]:

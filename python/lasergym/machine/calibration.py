@@ -1,0 +1,66 @@
+"""Where the camera sees the workpiece."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lasergym import _native
+from lasergym.errors import CalibrationError
+
+__all__ = ["Calibration"]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The map from the workpiece to the camera's frames, fitted to a grid of test pulses.
+
+    Attributes:
+        content: The map as its file has it: ``frame_width_px``, ``frame_height_px``,
+            ``frame_from_pattern`` (rows x and y of the frame; columns x, y of the pattern and 1),
+            ``residual_um`` and ``pairs``.
+    """
+
+    content: Mapping[str, Any]
+
+    @property
+    def residual_um(self) -> float:
+        """How far the test pulses are from the map, RMS in µm."""
+        return float(self.content["residual_um"])
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Calibration:
+        """Reads a calibration from its file.
+
+        Raises:
+            CalibrationError: The file is none.
+        """
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise CalibrationError(f"{path} is no calibration: {error}") from error
+        if not isinstance(content, dict):
+            raise CalibrationError(f"{path} is no calibration")
+        return cls(content)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the calibration to a file."""
+        text = json.dumps(dict(self.content), indent=2) + "\n"
+        Path(path).write_text(text, encoding="utf-8")
+
+    @classmethod
+    def of_simulated(cls, effects: Mapping[str, Any], seed: int) -> Calibration:
+        """Calibrates a simulated machine on a workpiece that is thrown away.
+
+        Args:
+            effects: Every effect of the machine, by name.
+            seed: Seed of its chance.
+
+        Raises:
+            CalibrationError: The residual is too large.
+        """
+        return cls(json.loads(_native.calibrate_simulator(json.dumps(dict(effects)), seed)))
