@@ -15,6 +15,7 @@ __all__ = [
     "Rig",
     "Teacher",
     "TrajectoryPicture",
+    "calibrate",
     "calibrate_simulator",
     "gif",
     "load_drawing",
@@ -159,6 +160,14 @@ class TrajectoryPicture:
     def png(self) -> bytes: ...
     def rgb_array(self) -> NDArray[np.uint8]: ...
 
+def calibrate(
+    drivers: tuple[Any, Any, Any],
+    rough_scale_frame_px_per_um: float,
+    pulse_radius_px: float,
+    side_pulses: int,
+    margin_um: float,
+    max_residual_um: float,
+) -> str: ...
 def calibrate_simulator(options: str, seed: int) -> str: ...
 def gif(pictures: NDArray[np.uint8], delay_s: float) -> bytes: ...
 def load_drawing(

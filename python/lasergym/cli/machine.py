@@ -26,7 +26,7 @@ from lasergym.machine import (
 )
 from lasergym.machine.report import REPORT_FILES
 
-__all__ = ["machine", "print_job", "stop_on_signals"]
+__all__ = ["exit_code", "machine", "print_job", "shown", "stop_on_signals"]
 
 _DECIDING = "Deciding"
 _SIMULATED = "Simulated machine"
@@ -125,7 +125,7 @@ def machine(
     if folder is None:
         raise OptionError("-o is missing: name a new folder for the job")
     with stop_on_signals() as received, progress_bar("machining") as bar:
-        show = _shown(bar.show)
+        show = shown(bar.show)
         if resume is not None:
             report = resume_job(
                 resume, real, policy=policy, options=options, arm=arm, progress=show
@@ -143,7 +143,7 @@ def machine(
                 progress=show,
             )
     print_job(report, as_json=as_json)
-    code = _exit_code(report, received)
+    code = exit_code(report, received)
     if code != 0:
         note(_advice(report, folder, drivers))
         raise typer.Exit(code)
@@ -195,7 +195,7 @@ def print_job(report: JobReport, *, as_json: bool) -> None:
         note(f"wrote {report.folder / name}")
 
 
-def _shown(show: Any) -> Any:
+def shown(show: Any) -> Any:
     """A callback that shows the progress of a job in a bar."""
 
     def tell(progress: JobProgress) -> None:
@@ -223,7 +223,8 @@ def _simulated(preset: str, effects: list[str], seed: int) -> SimulatedMachine:
     return SimulatedMachine(preset=cast("Any", preset), effects=values, seed=seed)
 
 
-def _exit_code(report: JobReport, received: list[int]) -> int:
+def exit_code(report: JobReport, received: list[int]) -> int:
+    """0 for a job with nothing left to do, 128 + the signal that stopped it, otherwise 1."""
     if report.complete:
         return 0
     if report.status == "interrupted":

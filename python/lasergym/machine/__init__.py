@@ -1,7 +1,7 @@
 """Laser machining under a camera: drivers, jobs that correct what went wrong, and their reports."""
 
 from lasergym.machine import drivers
-from lasergym.machine.calibration import Calibration
+from lasergym.machine.calibration import Calibration, calibrate
 from lasergym.machine.journal import Journal, read_journal
 from lasergym.machine.report import JobReport, Step, read_report, write_report
 from lasergym.machine.run import (
@@ -36,6 +36,7 @@ __all__ = [
     "SimulatedMachine",
     "SimulatedRig",
     "Step",
+    "calibrate",
     "drivers",
     "read_journal",
     "read_report",

@@ -11,8 +11,10 @@ from typing import Any
 
 from lasergym import _native
 from lasergym.errors import CalibrationError
+from lasergym.machine.drivers.interface import Camera, Laser, Stage
+from lasergym.options import integer_in
 
-__all__ = ["Calibration"]
+__all__ = ["Calibration", "calibrate"]
 
 
 @dataclass(frozen=True)
@@ -64,3 +66,43 @@ class Calibration:
             CalibrationError: The residual is too large.
         """
         return cls(json.loads(_native.calibrate_simulator(json.dumps(dict(effects)), seed)))
+
+
+def calibrate(
+    stage: Stage,
+    laser: Laser,
+    camera: Camera,
+    *,
+    rough_scale_frame_px_per_um: float,
+    pulse_radius_px: float = 9.0,
+    side_pulses: int = 5,
+    margin_um: float = 10.0,
+    max_residual_um: float = 0.3,
+) -> Calibration:
+    """Fires a grid of test pulses on a spare piece of ground and fits the map to their marks.
+
+    The laser is disarmed at the end and on every error.
+
+    Args:
+        stage: Moves the workpiece.
+        laser: Fires; this is no dry run.
+        camera: Looks.
+        rough_scale_frame_px_per_um: Scale of the camera, frame px per µm, within 10 %.
+        pulse_radius_px: Radius of a mark, px of the pattern (1 px = 1 µm).
+        side_pulses: Test pulses along x and along y, from 2 to 15.
+        margin_um: How far the outer ones are from the edge of the pattern, µm, from 0 to 45.
+        max_residual_um: Largest residual that is accepted, RMS in µm.
+
+    Raises:
+        CalibrationError: A device failed, too few marks were seen, or the residual is too large.
+        OptionError: An option is outside its range.
+    """
+    made = _native.calibrate(
+        (stage, laser, camera),
+        rough_scale_frame_px_per_um,
+        pulse_radius_px,
+        integer_in("side_pulses", side_pulses, 2, 15),
+        margin_um,
+        max_residual_um,
+    )
+    return Calibration(json.loads(made))

@@ -26,8 +26,8 @@ from lasergym.targets import TargetLike, as_target
 __all__ = [
     "DECIDERS",
     "PRESETS",
-    "Deciding",
     "DeciderName",
+    "Deciding",
     "Drivers",
     "JobCallback",
     "JobOptions",

@@ -25,7 +25,9 @@ class SimulatedRig:
     misbehave. Its time is virtual: nothing sleeps.
     """
 
-    def __init__(self, path: str | os.PathLike[str], machine: SimulatedMachine | None = None) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], machine: SimulatedMachine | None = None
+    ) -> None:
         """Opens the machine kept in the file ``path``, or makes ``machine`` and keeps it there."""
         file = Path(path)
         if machine is None:
