@@ -15,7 +15,10 @@ mod agent;
 mod anneal;
 mod cma_es;
 mod cma_es_planner;
+mod decider;
 mod error;
+mod fixed_plan;
+mod forethought;
 mod gain_map;
 mod greedy;
 mod job;
@@ -33,12 +36,14 @@ mod teacher;
 
 pub use agent::{
     AgentMemory, AgentPlanner, CORRECTION_REACH_PX, Decision, Foresight, ForesightPlanner,
-    PolicyAgent, SpatialDecision, Thinking, VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX,
+    PolicyAgent, PolicyDecider, SpatialDecision, VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX,
     write_view,
 };
 pub use anneal::{
+pub use anneal::{
     Anneal, AnnealBudget, AnnealOptions, Completion, ExpectedCompletion, MAX_POINTING_ERROR_PX,
-    MOVES_PER_REPLACEMENT, PulseBlur, Ramp,
+    MOVES_PER_REPLACEMENT, PulseBlur, Ramp, Replanning, ReplanningOptions,
+};
 };
 pub use cma_es::{
     Best, Bounds, CmaEs, CmaEsError, CmaEsOptions, CovarianceUpdate, MAX_GROWTHS,
@@ -46,7 +51,10 @@ pub use cma_es::{
     Tolerances, minimise, minimise_population,
 };
 pub use cma_es_planner::{CmaEsBudget, CmaEsPlanner, MAX_CMA_ES_PULSES};
+pub use decider::Decider;
 pub use error::PlanError;
+pub use fixed_plan::FixedPlan;
+pub use forethought::Thinking;
 pub use gain_map::GainMap;
 pub use greedy::Greedy;
 pub use job::{Job, MAX_JOB_PULSES};
