@@ -11,7 +11,6 @@ import argparse
 import csv
 import json
 import math
-import time
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -22,23 +21,41 @@ import lasergym
 from lasergym.comparison import PulseBudget
 from lasergym.export import write_network
 from lasergym.policy import Policy
+from lasergym.targets import Target
 from lasergym.training.corrections import CorrectionLearner, CorrectionOptions, Progress
+from lasergym.training.tables import to_table
 from lasergym.training.teacher import FIRST_VALIDATION_SEED, TeacherTask
 
+AREA_BUDGET = PulseBudget(pulses=None, area_per_pulse_px=125.0)
+"""Pulses of random shapes."""
 
-def validate(policy: Policy, shapes: int) -> tuple[float, float]:
-    """Mean gain over area of the policy and of greedy on random shapes that nobody trains on."""
-    budget = PulseBudget(pulses=None, area_per_pulse_px=125.0)
-    gains = []
-    for seed in range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + shapes):
-        target = lasergym.targets.random_shape(seed=seed)
-        area_px = int(target.sum())
-        pulses = budget.pulses_for(area_px)
-        learned = lasergym.plan(target, "policy", policy=policy, max_pulses=pulses)
-        greedy = lasergym.plan(target, "greedy", max_pulses=pulses)
-        gains.append((learned.reward * 1e4 / area_px, greedy.reward * 1e4 / area_px))
-    ours, greedys = np.mean(gains, axis=0)
-    return float(ours), float(greedys)
+
+def validation_target(task: TeacherTask, index: int, count: int) -> tuple[Target, int]:
+    """One of ``count`` targets that judge a training, and its pulse budget."""
+    if task is TeacherTask.RANDOM_SHAPE:
+        target = lasergym.targets.random_shape(seed=FIRST_VALIDATION_SEED + index)
+        return target, AREA_BUDGET.pulses_for(int(target.sum()))
+    angle_deg = 0.0 if task is TeacherTask.STAR else (index + 0.5) * 360.0 / count
+    return lasergym.targets.star(angle_deg), 40 + index % 6
+
+
+def validate(policy: Policy, tasks: tuple[TeacherTask, ...], targets: int) -> dict[str, float]:
+    """Mean gain over area of the policy and of planners on targets of each task."""
+    means = {}
+    for task in tasks:
+        count = 6 if task is TeacherTask.STAR else targets
+        gains = []
+        for index in range(count):
+            target, pulses = validation_target(task, index, count)
+            plans = (
+                lasergym.plan(target, "greedy", max_pulses=pulses),
+                lasergym.plan(target, "policy", policy=policy, max_pulses=pulses),
+                lasergym.plan(target, "anneal", max_pulses=pulses, iterations=1_000_000),
+            )
+            gains.append([plan.reward * 1e4 / int(target.sum()) for plan in plans])
+        for planner, mean in zip(("greedy", "policy", "anneal"), np.mean(gains, 0), strict=True):
+            means[f"{task.value} {planner}"] = round(float(mean), 5)
+    return means
 
 
 def export(learner: CorrectionLearner, path: Path, training: dict[str, object]) -> Policy:
@@ -60,14 +77,24 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="everything random derives from it")
     parser.add_argument(
+        "--learning-rate", type=float, default=CorrectionOptions.learning_rate, help="at the start"
+    )
+    parser.add_argument(
+        "--begin-with", type=Path, metavar="POLICY", help="policy file to learn on from"
+    )
+    parser.add_argument(
         "--threads", type=int, default=torch.get_num_threads(), help="threads of torch"
     )
-    parser.add_argument("--shapes", type=int, default=200, help="random shapes for validation")
+    parser.add_argument("--targets", type=int, default=200, help="validation targets of each task")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     tasks = tuple(TeacherTask(name) for name in arguments.tasks)
     options = replace(
-        CorrectionOptions(), tasks=tasks, updates=arguments.updates, seed=arguments.seed
+        CorrectionOptions(),
+        tasks=tasks,
+        updates=arguments.updates,
+        learning_rate=arguments.learning_rate,
+        seed=arguments.seed,
     )
     learner = CorrectionLearner(options)
     folder: Path = arguments.output
@@ -75,6 +102,8 @@ def main() -> None:
     checkpoint = folder / "checkpoint.pt"
     if checkpoint.exists():
         learner.load(checkpoint)
+    elif arguments.begin_with is not None:
+        learner.begin_with(arguments.begin_with)
     history = folder / "history.csv"
 
     def report(progress: Progress) -> None:
@@ -92,17 +121,16 @@ def main() -> None:
             flush=True,
         )
 
-    began_s = time.perf_counter()
     learner.learn(report, checkpoint)
     summary = {
-        "command": f"python training/learn_corrections.py {' '.join(arguments.tasks)} "
-        f"--updates {arguments.updates} --seed {arguments.seed}",
+        "options": to_table(options),
+        "begun_with": None if arguments.begin_with is None else arguments.begin_with.name,
         "updates": learner.updates,
-        "last_session_s": round(time.perf_counter() - began_s),
+        "samples": learner.samples,
+        "elapsed_s": round(learner.elapsed_s),
     }
     policy = export(learner, folder / "policy.safetensors", summary)
-    ours, greedy = validate(policy, arguments.shapes)
-    print(json.dumps(summary | {"policy": ours, "greedy": greedy, "shapes": arguments.shapes}))
+    print(json.dumps(summary | validate(policy, tasks, arguments.targets)))
 
 
 if __name__ == "__main__":

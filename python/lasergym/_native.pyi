@@ -26,6 +26,7 @@ __all__ = [
     "read_gcode",
     "run_machine",
     "score",
+    "shipped_policy",
     "shortest_order",
     "simulator_options",
     "star",
@@ -49,8 +50,6 @@ class Environment:
 
 @final
 class Policy:
-    @staticmethod
-    def load(path: Path) -> Policy: ...
     @staticmethod
     def from_bytes(content: bytes) -> Policy: ...
     def manifest(self) -> str: ...
@@ -192,6 +191,7 @@ def run_machine(
 def score(
     target: NDArray[np.bool_], xy_px: NDArray[np.float64], pulse_radius_px: float
 ) -> tuple[float, float, float, int]: ...
+def shipped_policy(name: str) -> bytes: ...
 def shortest_order(
     xy_px: NDArray[np.float64], start_px: tuple[float, float] | None
 ) -> NDArray[np.int64]: ...

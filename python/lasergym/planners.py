@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from lasergym import _native
 from lasergym.errors import OptionError, PositionError
 from lasergym.options import LARGEST_SEED, integer_in
-from lasergym.policy import Policy
+from lasergym.policy import Policy, PolicyName
 from lasergym.targets import SIZE_PX, TargetLike, as_target
 
 __all__ = [
@@ -143,7 +143,7 @@ def plan(
     restarts: int = 1,
     start: ArrayLike | None = None,
     forbidden: NDArray[np.bool_] | None = None,
-    policy: Policy | str | Path | None = None,
+    policy: Policy | PolicyName | str | Path | None = None,
     progress: ProgressCallback | None = None,
 ) -> Plan:
     """Plans pulses for a target.
@@ -170,7 +170,8 @@ def plan(
         forbidden: Pristine pixels that must stay, where the workpiece is partly machined already;
             then ``target`` is what remains, and all other pixels are free. Default: all pixels
             beside the target.
-        policy: The policy of ``"policy"`` and ``"agent-mpc"``, or the name of its file.
+        policy: The policy of ``"policy"`` and ``"agent-mpc"``, the name of a shipped one
+            (:data:`lasergym.policy.SHIPPED_POLICIES`) or of a file. Default: ``"random-shape"``.
         progress: Called now and then with (fraction done, best reward); returning True stops the
             planner.
 
@@ -185,12 +186,11 @@ def plan(
         PolicyError: The policy cannot be read.
     """
     remaining = as_target(target)
-    if (planner in LEARNED_PLANNERS) != (policy is not None):
-        raise OptionError(
-            f"policy is {policy}, but {' and '.join(LEARNED_PLANNERS)} need a file, and only they"
-        )
-    if isinstance(policy, str | Path):
-        policy = Policy.load(policy)
+    learned = planner in LEARNED_PLANNERS
+    if policy is not None and not learned:
+        raise OptionError(f"policy is {policy}, but only {' and '.join(LEARNED_PLANNERS)} take one")
+    if learned and not isinstance(policy, Policy):
+        policy = Policy.load(policy or "random-shape")
     settings = {
         "planner": planner,
         "pulse_radius_px": pulse_radius_px,
@@ -203,7 +203,7 @@ def plan(
         "threads": integer_in("threads", threads, 1, 1024),
         "restarts": integer_in("restarts", restarts, 1, 10_000),
         "start": None if start is None else positions(start),
-        "policy": None if policy is None else policy.native,
+        "policy": policy.native if isinstance(policy, Policy) else None,
     }
     started_s = time.perf_counter()
     xy_px, reward, machined_fraction, off_target_fraction, partial = _native.plan(

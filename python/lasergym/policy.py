@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,14 @@ from lasergym import _native
 from lasergym.errors import PolicyError
 from lasergym.options import integer_in
 
-__all__ = ["Policy"]
+__all__ = ["SHIPPED_POLICIES", "Policy", "PolicyName", "policy_file"]
+
+PolicyName: TypeAlias = Literal["star", "rotated-star", "random-shape"]
+"""Names of the policies that are shipped: for the upright star, for stars at any angle, and for any
+drawing."""
+
+SHIPPED_POLICIES: tuple[PolicyName, ...] = get_args(PolicyName)
+"""All policies that are shipped."""
 
 
 class Policy:
@@ -33,18 +40,17 @@ class Policy:
         self.manifest: dict[str, Any] = json.loads(native.manifest())
 
     @classmethod
-    def load(cls, path: str | Path) -> Policy:
+    def load(cls, policy: PolicyName | str | Path) -> Policy:
         """Loads a policy.
 
         Args:
-            path: A ``.safetensors`` file that :mod:`lasergym.export` wrote.
+            policy: Name of a shipped policy (:data:`SHIPPED_POLICIES`), or a ``.safetensors`` file
+                that :mod:`lasergym.export` wrote.
 
         Raises:
             PolicyError: The file cannot be read, is damaged or is not a policy.
         """
-        if not Path(path).is_file():
-            raise PolicyError(f"there is no policy file {str(path)!r}")
-        return cls(_native.Policy.load(Path(path)))
+        return cls.from_bytes(policy_file(policy))
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Policy:
@@ -77,3 +83,25 @@ class Policy:
         """
         pixels = np.ascontiguousarray(observation, dtype=np.uint8)
         return self.native.act(pixels, integer_in("max_pulses", max_pulses, 1, 10_000))
+
+
+def policy_file(policy: PolicyName | str | Path) -> bytes:
+    """Content of the file of a policy.
+
+    Args:
+        policy: Name of a shipped policy, or of a ``.safetensors`` file.
+
+    Raises:
+        PolicyError: There is no such policy, or the file cannot be read.
+    """
+    if policy in SHIPPED_POLICIES:
+        return _native.shipped_policy(str(policy))
+    try:
+        return Path(policy).read_bytes()
+    except FileNotFoundError:
+        names = ", ".join(SHIPPED_POLICIES)
+        raise PolicyError(
+            f"there is no policy file {str(policy)!r}, and shipped are only {names}"
+        ) from None
+    except OSError as error:
+        raise PolicyError(f"{policy} cannot be read ({error.strerror})") from error

@@ -3,11 +3,13 @@
 use std::error::Error;
 
 use lasergym_geom::Point;
+use serde::{Deserialize, Serialize};
 
 use crate::Frame;
 
 /// Why a driver failed; decides what the job does about it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum FaultKind {
     /// It did not answer in time.
@@ -20,6 +22,14 @@ pub enum FaultKind {
     Disconnected,
     /// What it said cannot be true.
     Protocol,
+    /// The stage did not come to rest where it was sent.
+    OutOfTolerance,
+    /// A position is not a number.
+    NotFinite,
+    /// A frame was exposed before it was asked for.
+    StaleFrame,
+    /// Pulse after pulse left nothing.
+    LaserDead,
     /// Anything else.
     Other,
 }

@@ -39,14 +39,20 @@ impl Frame {
         gray: Vec<u8>,
         taken_at: Instant,
     ) -> Result<Self, FrameError> {
-        let sides = 1..=MAX_SIDE_PX;
-        if !sides.contains(&width_px)
-            || !sides.contains(&height_px)
-            || gray.len() != width_px * height_px
-        {
-            return Err(FrameError { width_px, height_px, pixels: gray.len() });
+        let pixels = gray.len();
+        if Self::check_sides(width_px, height_px).is_err() || pixels != width_px * height_px {
+            return Err(FrameError { width_px, height_px, pixels });
         }
         Ok(Self { width_px, gray, taken_at })
+    }
+
+    /// Whether a frame may have these sides.
+    pub(crate) fn check_sides(width_px: usize, height_px: usize) -> Result<(), FrameError> {
+        let sides = 1..=MAX_SIDE_PX;
+        if sides.contains(&width_px) && sides.contains(&height_px) {
+            return Ok(());
+        }
+        Err(FrameError { width_px, height_px, pixels: 0 })
     }
 
     /// Columns, px.

@@ -62,6 +62,14 @@ pub enum PlanError {
         /// The names there are.
         accepted: String,
     },
+    /// A name that no shipped policy has.
+    #[error("there is no shipped policy named {name:?}: use one of {accepted}")]
+    UnknownPolicy {
+        /// The name given.
+        name: String,
+        /// The names there are.
+        accepted: String,
+    },
     /// A setting of a planner lies outside its range.
     #[error("{name} is {value}, but must be {expected}")]
     InvalidOption {

@@ -6,7 +6,7 @@ use lasergym_geom::Point;
 
 use crate::polish::{PolishOptions, polish};
 use crate::pulse_by_pulse::plan_pulse_by_pulse;
-use crate::{Job, JobState, Plan, PlanError, PlanProgress, Planner, PlannerKind};
+use crate::{Decider, Job, JobState, Plan, PlanError, PlanProgress, Planner, PlannerKind};
 
 /// Pulse after pulse, each where hits − misses − `ring_weight` × (target left within 3 px about the
 /// mark) is largest at a pixel centre, then polished by its immediate gain. Ends when no pulse
@@ -40,6 +40,20 @@ impl Greedy {
     }
 }
 
+impl Decider for Greedy {
+    fn ring_weight(&self) -> f64 {
+        self.ring_weight
+    }
+
+    fn decide(&mut self, state: &JobState) -> Result<Option<Point>, PlanError> {
+        self.validate()?;
+        let (row, column) = state.scores().best();
+        let center = Point::new(column as f64 + 0.5, row as f64 + 0.5);
+        let (position, gain_px) = polish(state.job(), state.workpiece(), center, self.polish);
+        Ok((gain_px > 0).then_some(position))
+    }
+}
+
 impl Planner for Greedy {
     fn kind(&self) -> PlannerKind {
         PlannerKind::Greedy
@@ -50,14 +64,7 @@ impl Planner for Greedy {
         job: &Job,
         progress: &mut dyn FnMut(&PlanProgress<'_>) -> ControlFlow<()>,
     ) -> Result<Plan, PlanError> {
-        self.validate()?;
-        let decide = |state: &JobState| {
-            let (row, column) = state.scores().best();
-            let center = Point::new(column as f64 + 0.5, row as f64 + 0.5);
-            let (position, gain_px) = polish(job, state.workpiece(), center, self.polish);
-            Ok((gain_px > 0).then_some(position))
-        };
-        plan_pulse_by_pulse(self.kind(), JobState::new(job, self.ring_weight), decide, progress)
+        plan_pulse_by_pulse(self.kind(), job, &mut { *self }, progress)
     }
 }
 

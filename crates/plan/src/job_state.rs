@@ -1,7 +1,7 @@
 //! A job under way: what has been machined, and how promising every place is now.
 
-use lasergym_ablation::{PulseOutcome, Workpiece};
-use lasergym_geom::Point;
+use lasergym_ablation::{Footprint, PulseOutcome, Workpiece};
+use lasergym_geom::{Bitmap, Point};
 
 use crate::{Job, PlanError, RingScores};
 
@@ -73,15 +73,59 @@ impl JobState {
 
     /// Machines a pulse at `position` and counts it.
     pub fn pulse(&mut self, position: Point) -> PulseOutcome {
+        self.count_pulse();
+        self.machine(&self.job.footprint(position))
+    }
+
+    /// Counts a pulse, whatever it has machined.
+    pub fn count_pulse(&mut self) {
         self.pulses_left = self.pulses_left.saturating_sub(1);
-        self.scores.pulse(&mut self.workpiece, &self.job, position)
+    }
+
+    /// Machines the pixels under `footprint`, a disc of any radius that was seen on the workpiece. No
+    /// pulse is counted: one may leave several marks.
+    pub fn machine(&mut self, footprint: &Footprint) -> PulseOutcome {
+        self.scores.machine(&mut self.workpiece, footprint)
+    }
+
+    /// Strikes the target under `footprint` off what remains, though it was not seen to be machined:
+    /// nobody shall aim there any more. Gives its area, px.
+    pub fn give_up(&mut self, footprint: &Footprint) -> u32 {
+        let mut remaining = self.workpiece.remaining().clone();
+        let mut area_px = 0;
+        let (first_row, spans) = footprint.rows();
+        for (row, span) in (first_row..).zip(spans) {
+            let struck = remaining.rows()[row] & span.mask();
+            remaining.rows_mut()[row] ^= struck;
+            area_px += struck.count_ones();
+            self.scores.machined(row, struck, 0);
+        }
+        self.workpiece = Workpiece::partly_machined(&remaining, self.workpiece.forbidden());
+        area_px
+    }
+
+    /// A fingerprint of the workpiece: FNV-1a of 64 bits over the rows of the remaining target and
+    /// then those of the forbidden ground, from top to bottom, each row as 16 bytes, least
+    /// significant first, whose bit i is column i. The same on every machine and in every version.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        let layers = [self.workpiece.remaining(), self.workpiece.forbidden()];
+        let rows = layers.into_iter().flat_map(Bitmap::rows);
+        let bytes = rows.flat_map(|row| row.to_le_bytes());
+        bytes.fold(FNV_OFFSET, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(FNV_PRIME))
     }
 }
+
+/// Start value of FNV-1a, 64 bits.
+const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
+
+/// Multiplier of FNV-1a, 64 bits.
+const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lasergym_ablation::star;
+    use lasergym_ablation::{Pulse, star};
     use proptest::prelude::*;
 
     proptest! {
@@ -102,6 +146,50 @@ mod tests {
             prop_assert_eq!(sum_px, job.outcome(&positions).gain_px());
             prop_assert_eq!(state.pulses_left(), 20 - positions.len());
         }
+    }
+
+    fn star_state() -> JobState {
+        let job = Job::new(Workpiece::new(&star(0.0)).unwrap(), 9.0, 20).unwrap();
+        JobState::new(&job, 0.35)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(16))]
+        #[test]
+        fn target_given_up_is_neither_left_nor_forbidden_and_no_longer_attracts(
+            x in 0.0..100.0, y in 0.0..100.0, radius_px in 0.5..30.0,
+        ) {
+            let mut state = star_state();
+            let before = state.clone();
+            let disc = Footprint::of(Pulse { position: Point::new(x, y), radius_px });
+            let area_px = state.give_up(&disc);
+            prop_assert_eq!(area_px, before.workpiece().preview(&disc).hit_px);
+            prop_assert_eq!(state.workpiece().preview(&disc).hit_px, 0);
+            prop_assert_eq!(state.workpiece().forbidden(), before.workpiece().forbidden());
+            let fresh = RingScores::new(state.workpiece(), 9.0, 0.35);
+            prop_assert_eq!(state.scores().best(), fresh.best());
+            prop_assert_eq!(state.scores().gains(), fresh.gains());
+            prop_assert_eq!(state.pulses_left(), before.pulses_left());
+        }
+    }
+
+    #[test]
+    fn the_hash_tells_states_apart_and_is_that_of_fnv_1a() {
+        let mut state = star_state();
+        let pristine = state.hash();
+        let mut bytes = Vec::new();
+        for bitmap in [state.workpiece().remaining(), state.workpiece().forbidden()] {
+            bytes.extend(bitmap.rows().iter().flat_map(|row| row.to_le_bytes()));
+        }
+        let mut expected = 14_695_981_039_346_656_037_u64;
+        for byte in bytes {
+            expected = (expected ^ u64::from(byte)).wrapping_mul(1_099_511_628_211);
+        }
+        assert_eq!(pristine, expected);
+        state.count_pulse();
+        assert_eq!(state.hash(), pristine);
+        state.machine(&Footprint::of(Pulse { position: Point::new(50.5, 50.5), radius_px: 0.4 }));
+        assert_ne!(state.hash(), pristine);
     }
 
     #[test]

@@ -15,7 +15,10 @@ mod agent;
 mod anneal;
 mod cma_es;
 mod cma_es_planner;
+mod decider;
 mod error;
+mod fixed_plan;
+mod forethought;
 mod gain_map;
 mod greedy;
 mod job;
@@ -24,6 +27,8 @@ mod order;
 mod plan;
 mod planner;
 mod polish;
+#[cfg(feature = "pretrained")]
+mod pretrained;
 mod pulse_by_pulse;
 mod raster;
 mod ring_scores;
@@ -31,17 +36,25 @@ mod teacher;
 
 pub use agent::{
     AgentMemory, AgentPlanner, CORRECTION_REACH_PX, Decision, Foresight, ForesightPlanner,
-    PolicyAgent, SpatialDecision, Thinking, VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX,
+    PolicyAgent, PolicyDecider, SpatialDecision, VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX,
     write_view,
 };
-pub use anneal::{Anneal, AnnealBudget, AnnealOptions, Completion, MOVES_PER_REPLACEMENT, Ramp};
+pub use anneal::{
+pub use anneal::{
+    Anneal, AnnealBudget, AnnealOptions, Completion, ExpectedCompletion, MAX_POINTING_ERROR_PX,
+    MOVES_PER_REPLACEMENT, PulseBlur, Ramp, Replanning, ReplanningOptions,
+};
+};
 pub use cma_es::{
     Best, Bounds, CmaEs, CmaEsError, CmaEsOptions, CovarianceUpdate, MAX_GROWTHS,
     MAX_POPULATION_VALUES, Minimum, Progress, Restarts, StrategyParameters, Termination,
     Tolerances, minimise, minimise_population,
 };
 pub use cma_es_planner::{CmaEsBudget, CmaEsPlanner, MAX_CMA_ES_PULSES};
+pub use decider::Decider;
 pub use error::PlanError;
+pub use fixed_plan::FixedPlan;
+pub use forethought::Thinking;
 pub use gain_map::GainMap;
 pub use greedy::Greedy;
 pub use job::{Job, MAX_JOB_PULSES};
@@ -50,6 +63,8 @@ pub use order::{shortest_order, travel_px};
 pub use plan::Plan;
 pub use planner::{PlanProgress, Planner, PlannerKind};
 pub use polish::{PolishOptions, polish};
+#[cfg(feature = "pretrained")]
+pub use pretrained::Pretrained;
 pub use raster::{Raster, RasterPitch};
 pub use ring_scores::{RING_WIDTH_PX, RingScores};
 pub use teacher::{PulseAllowance, Teacher, TeacherOptions};

@@ -2,27 +2,25 @@
 
 use std::ops::ControlFlow;
 
-use lasergym_geom::Point;
-
 use crate::job::reward_of;
-use crate::{Job, JobState, Plan, PlanError, PlanProgress, PlannerKind};
+use crate::{Decider, Job, Plan, PlanError, PlanProgress, PlannerKind};
 
-/// Plans the job of `state` by firing where `decide` says, until it says nowhere, no pulse is left
-/// or `progress`, told after each pulse, stops the `planner`.
+/// Plans `job` by firing where `decider` says, until it says nowhere, no pulse is left or `progress`,
+/// told after each pulse, stops the `planner`.
 ///
 /// # Errors
-/// As `decide`.
+/// As [`Decider::decide`].
 pub(crate) fn plan_pulse_by_pulse(
     planner: PlannerKind,
-    mut state: JobState,
-    mut decide: impl FnMut(&JobState) -> Result<Option<Point>, PlanError>,
+    job: &Job,
+    decider: &mut dyn Decider,
     progress: &mut dyn FnMut(&PlanProgress<'_>) -> ControlFlow<()>,
 ) -> Result<Plan, PlanError> {
-    let job: Job = state.job().clone();
+    let mut state = decider.start(job);
     let mut positions = Vec::new();
     let mut gain_px = 0;
     while state.pulses_left() > 0 {
-        let Some(position) = decide(&state)? else { break };
+        let Some(position) = decider.decide(&state)? else { break };
         gain_px += state.pulse(position).gain_px();
         positions.push(position);
         let flow = progress(&PlanProgress {
@@ -32,8 +30,8 @@ pub(crate) fn plan_pulse_by_pulse(
             best_positions: &positions,
         });
         if flow.is_break() {
-            return Plan::new(&job, positions, true);
+            return Plan::new(job, positions, true);
         }
     }
-    Plan::new(&job, positions, false)
+    Plan::new(job, positions, false)
 }

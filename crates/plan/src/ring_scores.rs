@@ -1,9 +1,9 @@
 //! How promising each pixel centre is for the next pulse.
 
-use lasergym_ablation::{MAX_PULSE_RADIUS_PX, PulseOutcome, Workpiece};
-use lasergym_geom::{Bitmap, Point, WORKPIECE_SIZE_PX};
+use lasergym_ablation::{Footprint, MAX_PULSE_RADIUS_PX, PulseOutcome, Workpiece};
+use lasergym_geom::{Bitmap, Row, WORKPIECE_SIZE_PX};
 
-use crate::{GainMap, Job};
+use crate::GainMap;
 
 /// Width of the ring about a pulse in which remaining target counts against it, px.
 pub const RING_WIDTH_PX: f64 = 3.0;
@@ -34,14 +34,19 @@ impl RingScores {
         }
     }
 
-    /// Machines a pulse of `job` on `workpiece` and follows what changes.
-    pub fn pulse(&mut self, workpiece: &mut Workpiece, job: &Job, position: Point) -> PulseOutcome {
-        workpiece.pulse_with(&job.footprint(position), |row, hits, misses| {
-            self.gains.machined(row, hits, misses);
-            for map in self.surroundings.iter_mut().flatten() {
-                map.machined(row, hits, 0);
-            }
-        })
+    /// Machines the pixels under `footprint`, a disc of any radius, on `workpiece` and follows what
+    /// changes.
+    pub fn machine(&mut self, workpiece: &mut Workpiece, footprint: &Footprint) -> PulseOutcome {
+        workpiece.pulse_with(footprint, |row, hits, misses| self.machined(row, hits, misses))
+    }
+
+    /// Accounts for the pixels of `row` that are no longer remaining target and those that are no
+    /// longer forbidden.
+    pub(crate) fn machined(&mut self, row: usize, hits: Row, misses: Row) {
+        self.gains.machined(row, hits, misses);
+        for map in self.surroundings.iter_mut().flatten() {
+            map.machined(row, hits, 0);
+        }
     }
 
     /// Hits − misses of a pulse at the centre of each pixel.
@@ -98,7 +103,9 @@ impl RingScores {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lasergym_ablation::{Footprint, Pulse, star};
+    use crate::Job;
+    use lasergym_ablation::{Pulse, star};
+    use lasergym_geom::Point;
     use proptest::prelude::*;
 
     /// Target left under a disc.
@@ -110,15 +117,16 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(16))]
         #[test]
-        fn scores_are_what_a_pulse_gains_less_what_it_leaves_about_it(
-            pulses in proptest::collection::vec((0.0..100.0, 0.0..100.0), 0..20),
+        fn scores_are_what_a_pulse_gains_less_what_it_leaves_about_it_after_discs_of_any_radius(
+            discs in proptest::collection::vec((-5.0..105.0, -5.0..105.0, 0.5..20.0), 0..20),
             ring_weight in 0.0..1.0,
         ) {
             let mut workpiece = Workpiece::new(&star(0.0)).unwrap();
             let job = Job::new(workpiece.clone(), 9.0, 45).unwrap();
             let mut scores = RingScores::new(&workpiece, 9.0, ring_weight);
-            for (x, y) in pulses {
-                scores.pulse(&mut workpiece, &job, Point::new(x, y));
+            for (x, y, radius_px) in discs {
+                let disc = Pulse { position: Point::new(x, y), radius_px };
+                scores.machine(&mut workpiece, &Footprint::of(disc));
             }
             let mut largest = f64::NEG_INFINITY;
             for row in 0..WORKPIECE_SIZE_PX {

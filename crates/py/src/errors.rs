@@ -88,7 +88,9 @@ pub(crate) fn plan_error(error: PlanError) -> PyErr {
         PlanError::NothingRemains => "EmptyTargetError",
         PlanError::PositionNotFinite { .. } => "PositionError",
         PlanError::Threads { .. } => "ThreadsError",
-        PlanError::Policy(_) | PlanError::PolicyDecision { .. } => "PolicyError",
+        PlanError::Policy(_)
+        | PlanError::UnknownPolicy { .. }
+        | PlanError::PolicyDecision { .. } => "PolicyError",
         _ => "PlanError",
     };
     exception(class, error.to_string())

@@ -33,7 +33,7 @@ mod _native {
     #[pymodule_export]
     use crate::planners::{plan, shortest_order};
     #[pymodule_export]
-    use crate::policy::NativePolicy;
+    use crate::policy::{NativePolicy, shipped_policy};
     #[pymodule_export]
     use crate::programs::{read_csv, read_gcode, travel, write_csv, write_gcode};
     #[pymodule_export]

@@ -1,16 +1,16 @@
 //! Trained policies.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use lasergym_ablation::{DEFAULT_PULSE_RADIUS_PX, Workpiece};
 use lasergym_geom::{Bitmap, WORKPIECE_SIZE_PX};
-use lasergym_plan::{Decision, Job, PolicyAgent};
+use lasergym_plan::{Decision, Job, PolicyAgent, Pretrained};
 use numpy::ndarray::{Array1, ArrayView2, Axis};
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use crate::errors::{exception, plan_error};
 
@@ -26,15 +26,15 @@ impl NativePolicy {
     }
 }
 
+/// The file of a shipped policy.
+#[pyfunction]
+pub(crate) fn shipped_policy<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyBytes>> {
+    let policy: Pretrained = name.parse().map_err(plan_error)?;
+    Ok(PyBytes::new(py, policy.file()))
+}
+
 #[pymethods]
 impl NativePolicy {
-    /// Loads a policy file.
-    #[staticmethod]
-    fn load(path: PathBuf) -> PyResult<Self> {
-        let agent = PolicyAgent::load(path).map_err(plan_error)?;
-        Ok(Self { agent: Arc::new(agent) })
-    }
-
     /// Loads a policy from the bytes of a file.
     #[staticmethod]
     fn from_bytes(content: &[u8]) -> PyResult<Self> {
@@ -92,9 +92,7 @@ impl NativePolicy {
         max_pulses: u32,
     ) -> PyResult<Vec<f32>> {
         let channels = match self.agent.decision() {
-            Decision::Direct { .. } => {
-                self.agent.network().input().values() / (WORKPIECE_SIZE_PX * WORKPIECE_SIZE_PX)
-            }
+            Decision::Direct { .. } => self.agent.network().input().channels,
             Decision::Spatial(_) => 3,
         };
         let shape = observation.shape();
@@ -109,13 +107,9 @@ impl NativePolicy {
         }
         let pixels = observation.as_array();
         if let Decision::Direct { .. } = self.agent.decision() {
-            let network = self.agent.network();
             let values: Vec<u8> = pixels.iter().copied().collect();
-            let action = network
-                .act_bytes(&values, &mut network.scratch())
-                .map_err(|error| plan_error(error.into()))?
-                .to_vec();
-            return Ok(action);
+            let mut memory = self.agent.memory();
+            return self.agent.act_on(&values, &mut memory).map(Vec::from).map_err(plan_error);
         }
         let bitmap = |channel: ArrayView2<'_, u8>| {
             Bitmap::from_fn(|row, column| channel[[row, column]] > 127)

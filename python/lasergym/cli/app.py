@@ -16,6 +16,7 @@ from lasergym.cli.compare import compare
 from lasergym.cli.demo import demo
 from lasergym.cli.envs import envs
 from lasergym.cli.evaluate import evaluate
+from lasergym.cli.export import export
 from lasergym.cli.hints import hint_for
 from lasergym.cli.machine import machine
 from lasergym.cli.output import report_error
@@ -38,7 +39,7 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (plan, machine, envs, bench, compare, train, evaluate, demo):
+for _command in (plan, machine, envs, bench, compare, train, evaluate, export, demo):
     app.command(_command.__name__)(_command)
 
 

@@ -80,8 +80,13 @@ def compare(
         ),
     ] = None,
     policy: Annotated[
-        Path | None,
-        _option("--policy", help="Policy file of policy and agent-mpc.", panel=_EFFORT),
+        str | None,
+        _option(
+            "--policy",
+            help="For policy and agent-mpc: star, rotated-star, random-shape, or a file. "
+            "Default: the one trained for the task.",
+            panel=_EFFORT,
+        ),
     ] = None,
     seed: Annotated[
         int, _option("--seed", help="Every item's seed derives from it.", panel=_EFFORT)

@@ -50,7 +50,12 @@ def plan(
         Path | None, _option("--preview", help="Write a picture of the plan, .png or .svg.")
     ] = None,
     policy: Annotated[
-        Path | None, _option("--policy", help="Policy file of policy and agent-mpc.")
+        str | None,
+        _option(
+            "--policy",
+            help="For policy and agent-mpc: star, rotated-star, random-shape, or a file. "
+            "Default: random-shape.",
+        ),
     ] = None,
     seed: Annotated[int, _option("--seed", help="Seed of anneal and cma-es.", panel=_SEARCH)] = 0,
     budget_s: Annotated[

@@ -9,9 +9,13 @@ from lasergym import planners
 from lasergym.comparison.budget import PulseBudget
 from lasergym.comparison.columns import DEFAULT_PLANNERS, column_of
 from lasergym.comparison.tasks import TaskName
-from lasergym.errors import OptionError, PolicyError
+from lasergym.errors import OptionError
+from lasergym.policy import PolicyName, policy_file
 
 __all__ = ["CompareOptions", "Effort"]
+
+_SHIPPED_FOR: dict[str, PolicyName] = {"star": "star", "rotated-star": "rotated-star"}
+"""Shipped policies of tasks; "random-shape" serves all others."""
 
 _MAX_SHAPES = 20_000
 _MAX_BUDGET_S = 86_400.0
@@ -55,7 +59,8 @@ class CompareOptions:
         anneal_iterations: Instead of the time, Metropolis moves of ``"anneal"``, at least 1; then
             its results do not depend on the machine.
         cma_es_iterations: Instead of the time, evaluations of ``"cma-es"``, at least 1.
-        policy: File of the trained policy of ``"policy"`` and ``"agent-mpc"``.
+        policy: Trained policy of ``"policy"`` and ``"agent-mpc"``: the name of a shipped one or of
+            a file. None: the shipped one for each task.
         seed: The seed of every work item derives from this one, from 0 to 2⁶³ − 1.
     """
 
@@ -69,7 +74,7 @@ class CompareOptions:
     cma_es_s: float = 60.0
     anneal_iterations: int | None = None
     cma_es_iterations: int | None = None
-    policy: Path | None = None
+    policy: PolicyName | str | Path | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -98,26 +103,23 @@ class CompareOptions:
             if iterations is not None and not 1 <= iterations <= _MAX_ITERATIONS:
                 raise OptionError(f"{name} is {iterations}, but must be from 1 to 10**12")
         learned = set(planners.LEARNED_PLANNERS) & set(self.planners)
-        if bool(learned) != (self.policy is not None):
+        if self.policy is not None and not learned:
             raise OptionError(
-                f"policy is {self.policy}, but {' and '.join(planners.LEARNED_PLANNERS)} need a "
-                "file, and only they"
+                f"policy is {self.policy}, but only {' and '.join(planners.LEARNED_PLANNERS)} take "
+                "one"
             )
         if not 0 <= self.seed <= _MAX_SEED:
             raise OptionError(f"seed is {self.seed}, but must be from 0 to 2**63 - 1")
 
-    def policy_content(self) -> bytes | None:
-        """The policy file.
+    def policy_file(self, task: str) -> bytes | None:
+        """The policy for the learned planners on a task; None where there are no such planners.
 
         Raises:
             PolicyError: The file cannot be read.
         """
-        if self.policy is None:
+        if not set(planners.LEARNED_PLANNERS) & set(self.planners):
             return None
-        try:
-            return self.policy.read_bytes()
-        except OSError as error:
-            raise PolicyError(f"{self.policy} cannot be read ({error.strerror})") from error
+        return policy_file(self.policy or _SHIPPED_FOR.get(task, "random-shape"))
 
     def effort(self, planner: str) -> Effort:
         """How long a planner may work on a target."""

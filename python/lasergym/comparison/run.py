@@ -162,8 +162,8 @@ def _settings(options: CompareOptions, targets: Sequence[TaskTarget]) -> dict[st
     """All that decides the results; drawings by what is in them, not by where they are."""
     timed = [planner for planner in options.planners if column_of(planner).timed]
     tasks = list(dict.fromkeys(made.task for made in targets))
-    policy = options.policy_content()
-    learned = {} if policy is None else {"policy": _content_digest(policy)}
+    files = {task: options.policy_file(task) for task in tasks}
+    policies = {task: _content_digest(file) for task, file in files.items() if file is not None}
     return {
         "tasks": tasks,
         "targets": {task: _digest(made for made in targets if made.task == task) for task in tasks},
@@ -174,7 +174,7 @@ def _settings(options: CompareOptions, targets: Sequence[TaskTarget]) -> dict[st
         "effort": {planner: str(options.effort(planner)) for planner in timed},
         "seed": options.seed,
         "version": lasergym.__version__,
-        **learned,
+        **({"policies": policies} if policies else {}),
     }
 
 

@@ -112,7 +112,7 @@ class Row:
 
 def work_items(options: CompareOptions, made: TaskTarget) -> Iterator[WorkItem]:
     """The items of one target, a planner each."""
-    policy = options.policy_content()
+    policy = options.policy_file(made.task)
     for planner in options.planners:
         yield WorkItem(
             made.task,

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file
 from torch import Tensor
 from torch.nn import functional
 
@@ -28,6 +30,9 @@ from lasergym.training.teacher import (
 )
 
 __all__ = ["CorrectionLearner", "CorrectionOptions", "Progress", "lesson_loss", "symmetric"]
+
+_LEAST_BATCHES = 16
+"""Batches that the samples must fill before the network learns from them."""
 
 _LEARNT = ("views", "offsets", "scores_px", "values_px")
 
@@ -211,6 +216,16 @@ class CorrectionLearner:
         self._elapsed_s = 0.0
         self._teachers = self._begin_jobs()
 
+    @property
+    def samples(self) -> int:
+        """Samples made so far, each a pulse of a job with its candidates."""
+        return self._made_before + self._samples.made
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time of training so far, s."""
+        return self._elapsed_s
+
     def learn(
         self, report: Callable[[Progress], None], checkpoint: Path | None = None, every: int = 20
     ) -> None:
@@ -231,8 +246,9 @@ class CorrectionLearner:
             self._teaching_s += time.perf_counter() - taught_s
             returns += ended
             left = self.options.updates - self.updates
-            for _ in range(min(self.options.updates_per_lesson, left)):
-                self._update()
+            if self._samples.made >= _LEAST_BATCHES * self.options.batch_size:
+                for _ in range(min(self.options.updates_per_lesson, left)):
+                    self._update()
             lessons += 1
             self._elapsed_s = time.perf_counter() - began_s
             if lessons % every == 0 or self.updates == self.options.updates:
@@ -242,7 +258,7 @@ class CorrectionLearner:
                 report(
                     Progress(
                         self.updates,
-                        self._made_before + self._samples.made,
+                        self.samples,
                         float("nan") if self._loss is None else self._loss,
                         float((best_px - lesson.values_px[:, 1]).mean()),
                         float((best_px - lesson.values_px[:, 0]).mean()),
@@ -261,7 +277,7 @@ class CorrectionLearner:
             "network": self.network.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "updates": self.updates,
-            "made": self._made_before + self._samples.made,
+            "made": self.samples,
             "loss": self._loss,
             "teaching_s": self._teaching_s,
             "elapsed_s": self._elapsed_s,
@@ -299,6 +315,17 @@ class CorrectionLearner:
         self._samples = _Samples(self.options.capacity, self.options.candidates)
         self._generator = np.random.default_rng((self.options.seed, self.updates))
         self._teachers = self._begin_jobs()
+
+    def begin_with(self, policy: Path) -> None:
+        """Takes the weights of a policy file of the same shape.
+
+        Raises:
+            CheckpointError: It cannot be read or is of another network.
+        """
+        try:
+            self.network.load_exported(load_file(policy))
+        except (OSError, SafetensorError, KeyError, RuntimeError) as error:
+            raise CheckpointError(f"{policy} cannot be learned from: {error}") from error
 
     def _begin_jobs(self) -> list[Teacher]:
         options = self.options

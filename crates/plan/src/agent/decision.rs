@@ -1,5 +1,6 @@
 //! How the output of a network becomes a pulse: the `decision` of a policy file.
 
+use lasergym_geom::WORKPIECE_SIZE_PX;
 use serde::{Deserialize, Serialize};
 
 use crate::PlanError;
@@ -14,6 +15,10 @@ pub enum Decision {
         /// Pulses of a whole episode in training, at least 1; shown in the layers. Default 45.
         #[serde(default = "paper_pulses")]
         max_pulses: u32,
+        /// Only every such row and column is read, from the middle of the first cell on: a divisor of
+        /// 100. Default 1, all.
+        #[serde(default = "every_pixel")]
+        thinning: usize,
     },
     /// The network reads the view about the place of best ring score and corrects the scores there.
     Spatial(SpatialDecision),
@@ -22,6 +27,11 @@ pub enum Decision {
 /// The budget of the paper.
 fn paper_pulses() -> u32 {
     45
+}
+
+/// Nothing is left out.
+fn every_pixel() -> usize {
+    1
 }
 
 /// Settings of a spatial policy.
@@ -50,8 +60,14 @@ impl Decision {
         let invalid =
             |name, value: String, expected| Err(PlanError::InvalidOption { name, value, expected });
         match self {
-            Self::Direct { max_pulses: 0 } => {
+            Self::Direct { max_pulses: 0, .. } => {
                 invalid("max_pulses of the policy", "0".to_owned(), "at least 1")
+            }
+            &Self::Direct { thinning, .. }
+                if !(1..=WORKPIECE_SIZE_PX).contains(&thinning)
+                    || !WORKPIECE_SIZE_PX.is_multiple_of(thinning) =>
+            {
+                invalid("thinning of the policy", thinning.to_string(), "a divisor of 100")
             }
             Self::Direct { .. } => Ok(()),
             Self::Spatial(SpatialDecision { ring_weight, polish_px }) => {
@@ -79,16 +95,18 @@ impl Decision {
 mod tests {
     use super::*;
 
+    fn direct(max_pulses: u32, thinning: usize) -> Decision {
+        Decision::Direct { max_pulses, thinning }
+    }
+
     #[test]
     fn decisions_read_back_from_json() {
-        for decision in
-            [Decision::Direct { max_pulses: 40 }, Decision::Spatial(SpatialDecision::default())]
-        {
+        for decision in [direct(40, 5), Decision::Spatial(SpatialDecision::default())] {
             let text = serde_json::to_string(&decision).unwrap();
             assert_eq!(serde_json::from_str::<Decision>(&text).unwrap(), decision);
         }
         let decision: Decision = serde_json::from_str(r#"{"kind": "direct"}"#).unwrap();
-        assert_eq!(decision, Decision::Direct { max_pulses: 45 });
+        assert_eq!(decision, direct(45, 1));
         let text = r#"{"kind": "spatial", "ring_weight": 0.35, "polish_px": 0.5}"#;
         let decision: Decision = serde_json::from_str(text).unwrap();
         assert_eq!(decision, Decision::Spatial(SpatialDecision::default()));
@@ -96,12 +114,15 @@ mod tests {
 
     #[test]
     fn settings_out_of_range_are_named() {
-        let direct = Decision::Direct { max_pulses: 0 };
         let ring = Decision::Spatial(SpatialDecision { ring_weight: 1.1, polish_px: 0.5 });
         let polish = Decision::Spatial(SpatialDecision { ring_weight: 0.5, polish_px: f64::NAN });
-        for (decision, name) in
-            [(direct, "max_pulses"), (ring, "ring_weight"), (polish, "polish_px")]
-        {
+        for (decision, name) in [
+            (direct(0, 1), "max_pulses"),
+            (direct(45, 0), "thinning"),
+            (direct(45, 3), "thinning"),
+            (ring, "ring_weight"),
+            (polish, "polish_px"),
+        ] {
             let error = decision.validate().unwrap_err().to_string();
             assert!(error.contains(name), "{error}");
         }

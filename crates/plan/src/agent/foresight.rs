@@ -2,107 +2,52 @@
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 use lasergym_geom::Point;
 
+use crate::forethought::{Forethought, Thinking};
 use crate::pulse_by_pulse::plan_pulse_by_pulse;
-use crate::{Completion, Job, JobState, Plan, PlanError, PlanProgress, Planner, PlannerKind};
+use crate::{Decider, Job, JobState, Plan, PlanError, PlanProgress, Planner, PlannerKind};
 
-use super::policy_agent::{AgentMemory, PolicyAgent};
-
-/// Metropolis moves between two looks at the clock.
-const MOVES_AT_ONCE: u64 = 3000;
-
-/// How long is thought about each pulse.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Thinking {
-    /// Wall time of a decision; with none the policy decides alone.
-    Time(Duration),
-    /// Metropolis moves of a decision, the same on every machine; with none the policy decides
-    /// alone.
-    Moves(u64),
-}
-
-impl Thinking {
-    fn is_none(self) -> bool {
-        matches!(self, Self::Time(Duration::ZERO) | Self::Moves(0))
-    }
-}
+use super::planner::PolicyDecider;
+use super::policy_agent::PolicyAgent;
 
 /// Decides with a trained policy and a refined plan of all that is left.
 ///
-/// The policy imagines the rest of the job, Metropolis moves refine it ([`Completion`]), and the
-/// pulse of it that gains most at once is fired. After whatever that pulse has really machined the
-/// others are refined again: the plan is kept from decision to decision.
+/// The policy imagines the rest of the job, Metropolis moves refine it ([`crate::Completion`]), and
+/// the pulse of it that gains most at once is fired. After whatever that pulse has really machined
+/// the others are refined again: the plan is kept from decision to decision. Without any thinking the
+/// policy decides alone.
 #[derive(Debug)]
 pub struct Foresight {
-    agent: Arc<PolicyAgent>,
-    memory: AgentMemory,
+    policy: PolicyDecider,
     thinking: Thinking,
-    seed: u64,
-    /// Pulses that are still to come.
-    planned: Vec<Point>,
+    forethought: Forethought,
 }
 
 impl Foresight {
     /// Foresight with the policy `agent`; `seed` is that of the moves.
     #[must_use]
     pub fn new(agent: Arc<PolicyAgent>, thinking: Thinking, seed: u64) -> Self {
-        Self { memory: agent.memory(), agent, thinking, seed, planned: Vec::new() }
+        let forethought = Forethought::new(thinking, seed);
+        Self { policy: PolicyDecider::new(agent), thinking, forethought }
+    }
+}
+
+impl Decider for Foresight {
+    fn ring_weight(&self) -> f64 {
+        self.policy.ring_weight()
     }
 
-    /// Where the next pulse goes, px; a position that an action reaches. `state` comes from
-    /// [`PolicyAgent::start`] and has gone on by a pulse since the last decision.
-    ///
-    /// # Errors
-    /// As [`PolicyAgent::decide`], and [`PlanError::InvalidOption`] for pulses of a radius above
-    /// 24 px.
-    pub fn decide(&mut self, state: &JobState) -> Result<Point, PlanError> {
+    fn decide(&mut self, state: &JobState) -> Result<Option<Point>, PlanError> {
         if self.thinking.is_none() {
-            return self.agent.decide(state, &mut self.memory);
+            return self.policy.decide(state);
         }
-        let began = Instant::now();
-        self.planned.truncate(state.pulses_left());
-        self.imagine(state)?;
-        let Ok(rest) = state.rest() else { return self.agent.decide(state, &mut self.memory) };
-        let seed = self.seed.wrapping_add(state.pulses_left() as u64);
-        let mut completion = Completion::new(&rest, &self.planned, seed)?;
-        match self.thinking {
-            Thinking::Moves(moves) => completion.refine(moves),
-            Thinking::Time(time) => loop {
-                completion.refine(MOVES_AT_ONCE);
-                if began.elapsed() >= time {
-                    break;
-                }
-            },
-        }
-        self.planned = completion.positions();
-        let best = (0..self.planned.len()).max_by_key(|&k| {
-            // The first of equals.
-            (state.gain_px(self.planned[k]), std::cmp::Reverse(k))
-        });
-        match best {
-            Some(best) => Ok(self.planned.remove(best)),
-            None => self.agent.decide(state, &mut self.memory),
-        }
+        self.forethought.decide(state, &mut self.policy)
     }
 
-    /// Lets the policy add the pulses that the plan does not have yet.
-    fn imagine(&mut self, state: &JobState) -> Result<(), PlanError> {
-        if self.planned.len() == state.pulses_left() {
-            return Ok(());
-        }
-        let mut imagined = state.clone();
-        for &position in &self.planned {
-            imagined.pulse(position);
-        }
-        while !imagined.is_finished() {
-            let position = self.agent.decide(&imagined, &mut self.memory)?;
-            imagined.pulse(position);
-            self.planned.push(position);
-        }
-        Ok(())
+    fn recall(&mut self, state: &JobState, _: Point) -> Result<(), PlanError> {
+        self.decide(state).map(|_| ())
     }
 }
 
@@ -128,13 +73,7 @@ impl Planner for ForesightPlanner {
         progress: &mut dyn FnMut(&PlanProgress<'_>) -> ControlFlow<()>,
     ) -> Result<Plan, PlanError> {
         let mut foresight = Foresight::new(Arc::clone(&self.agent), self.thinking, self.seed);
-        let decide = |state: &JobState| {
-            if state.is_finished() {
-                return Ok(None);
-            }
-            foresight.decide(state).map(Some)
-        };
-        plan_pulse_by_pulse(self.kind(), self.agent.start(job), decide, progress)
+        plan_pulse_by_pulse(self.kind(), job, &mut foresight, progress)
     }
 }
 
@@ -144,6 +83,7 @@ mod tests {
     use super::*;
     use crate::AgentPlanner;
     use lasergym_ablation::{Stream, Workpiece, random_shape, star};
+    use std::time::Duration;
 
     fn planner(agent: &Arc<PolicyAgent>, thinking: Thinking) -> ForesightPlanner {
         ForesightPlanner { agent: Arc::clone(agent), thinking, seed: 3 }
@@ -194,7 +134,8 @@ mod tests {
             let mut state = agent.start(&job);
             let mut gain_px = 0;
             while !state.is_finished() {
-                let position = foresight.decide(&state).unwrap() + stream.displacement(1.0);
+                let position =
+                    foresight.decide(&state).unwrap().unwrap() + stream.displacement(1.0);
                 gain_px += state.pulse(position).gain_px();
             }
             gain_px
@@ -208,7 +149,7 @@ mod tests {
         let state = agent.start(&job(2));
         let thinking = Thinking::Time(Duration::from_millis(1));
         let mut foresight = Foresight::new(Arc::clone(&agent), thinking, 0);
-        let position = foresight.decide(&state).unwrap();
+        let position = foresight.decide(&state).unwrap().unwrap();
         assert!(state.gain_px(position) > 0);
     }
 

@@ -7,11 +7,11 @@ mod planner;
 mod policy_agent;
 mod view;
 #[cfg(test)]
-mod zero_policy;
+pub(crate) mod zero_policy;
 
 pub use corrections::CORRECTION_REACH_PX;
 pub use decision::{Decision, SpatialDecision};
-pub use foresight::{Foresight, ForesightPlanner, Thinking};
-pub use planner::AgentPlanner;
+pub use foresight::{Foresight, ForesightPlanner};
+pub use planner::{AgentPlanner, PolicyDecider};
 pub use policy_agent::{AgentMemory, PolicyAgent};
 pub use view::{VIEW_CHANNELS, VIEW_LEN, VIEW_SIZE, VIEW_WIDTH_PX, write_view};

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use lasergym_ablation::{ObservationMode, position_px};
-use lasergym_geom::Point;
+use lasergym_geom::{Point, WORKPIECE_SIZE_PX};
 use lasergym_policy::{Network, Scratch};
 
 use crate::{Job, JobState, PlanError};
@@ -26,6 +26,7 @@ pub struct AgentMemory {
     scratch: Scratch,
     view: Vec<f32>,
     observation: Vec<u8>,
+    thinned: Vec<u8>,
 }
 
 impl PolicyAgent {
@@ -56,7 +57,9 @@ impl PolicyAgent {
             .map_err(|error| refused(error.to_string()))?;
         decision.validate()?;
         let (input, output) = match decision {
-            Decision::Direct { .. } => (mode_of(&network).len(), 2),
+            Decision::Direct { thinning, .. } => {
+                (mode_of(&network).len() / (thinning * thinning), 2)
+            }
             Decision::Spatial(_) => (VIEW_LEN, Corrections::LEN),
         };
         if (network.input().values(), network.output().values()) != (input, output) {
@@ -99,6 +102,7 @@ impl PolicyAgent {
             scratch: self.network.scratch(),
             view: vec![0.0; if observation_len == 0 { VIEW_LEN } else { 0 }],
             observation: vec![0; observation_len],
+            thinned: Vec::with_capacity(observation_len),
         }
     }
 
@@ -108,14 +112,13 @@ impl PolicyAgent {
     /// # Errors
     /// [`PlanError::Policy`] when the network's output is not finite.
     pub fn decide(&self, state: &JobState, memory: &mut AgentMemory) -> Result<Point, PlanError> {
-        let AgentMemory { scratch, view, observation } = memory;
+        let AgentMemory { scratch, view, observation, thinned } = memory;
         match self.decision {
-            Decision::Direct { max_pulses } => {
+            Decision::Direct { max_pulses, .. } => {
                 let left = u32::try_from(state.pulses_left()).unwrap_or(u32::MAX);
                 let mode = mode_of(&self.network);
                 mode.write_state(state.workpiece(), left, max_pulses, observation);
-                let action = self.network.act_bytes(observation, scratch)?;
-                Ok(position_px([action[0], action[1]]))
+                Ok(position_px(self.act(observation, thinned, scratch)?))
             }
             Decision::Spatial(spatial) => {
                 let candidate = state.scores().best();
@@ -124,6 +127,44 @@ impl PolicyAgent {
                 Self::corrected_position(state, candidate, corrections_px, spatial.polish_px)
             }
         }
+    }
+
+    /// The action of a [`Decision::Direct`] on a whole observation of its environment, uint8, shape
+    /// (channels, 100, 100).
+    ///
+    /// # Errors
+    /// [`PlanError::Policy`] when the observation has another length or the network's output is not
+    /// finite; [`PlanError::PolicyDecision`] for another decision.
+    pub fn act_on(
+        &self,
+        observation: &[u8],
+        memory: &mut AgentMemory,
+    ) -> Result<[f32; 2], PlanError> {
+        self.act(observation, &mut memory.thinned, &mut memory.scratch)
+    }
+
+    fn act(
+        &self,
+        observation: &[u8],
+        thinned: &mut Vec<u8>,
+        scratch: &mut Scratch,
+    ) -> Result<[f32; 2], PlanError> {
+        let Decision::Direct { thinning, .. } = self.decision else {
+            let reason = "a spatial policy does not act on observations alone".to_owned();
+            return Err(PlanError::PolicyDecision { reason });
+        };
+        let seen = if thinning == 1 {
+            observation
+        } else {
+            thinned.clear();
+            // Rows of all channels follow one another, and the height divides by the thinning.
+            for row in observation.chunks(WORKPIECE_SIZE_PX).skip(thinning / 2).step_by(thinning) {
+                thinned.extend(row.iter().skip(thinning / 2).step_by(thinning));
+            }
+            thinned
+        };
+        let action = self.network.act_bytes(seen, scratch)?;
+        Ok([action[0], action[1]])
     }
 
     /// Where the ring score, corrected by `corrections_px` about the pixel `candidate` (row, column),

@@ -36,7 +36,7 @@ pub(super) fn file(channels: usize, size: usize, bias: &[f32], decision: &str) -
 }
 
 /// The spatial policy that corrects nothing: greedy with ring score.
-pub(super) fn spatial() -> PolicyAgent {
+pub(crate) fn spatial() -> PolicyAgent {
     let decision = r#"{"kind": "spatial", "ring_weight": 0.35, "polish_px": 0.5}"#;
     made(18, 28, &[0.0; 289], decision).unwrap()
 }

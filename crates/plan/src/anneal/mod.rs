@@ -7,16 +7,20 @@
 mod completion;
 mod cover;
 mod cover_rows;
+mod expected;
 mod lattice;
 mod metropolis;
 mod options;
 mod planner;
 mod replacement;
+mod replanning;
 mod restarts;
 mod run;
 mod schedule;
 mod window;
 
 pub use completion::Completion;
+pub use expected::{ExpectedCompletion, MAX_POINTING_ERROR_PX, PulseBlur};
 pub use options::{AnnealBudget, AnnealOptions, MOVES_PER_REPLACEMENT, Ramp};
 pub use planner::Anneal;
+pub use replanning::{Replanning, ReplanningOptions};
