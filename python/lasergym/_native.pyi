@@ -17,6 +17,7 @@ __all__ = [
     "TrajectoryPicture",
     "calibrate",
     "calibrate_simulator",
+    "disturbed_job",
     "gif",
     "load_drawing",
     "plan",
@@ -168,6 +169,14 @@ def calibrate(
     max_residual_um: float,
 ) -> str: ...
 def calibrate_simulator(options: str, seed: int) -> str: ...
+def disturbed_job(
+    target: NDArray[np.bool_],
+    pulse_radius_px: float,
+    max_pulses: int,
+    decider: dict[str, Any],
+    disturbance: dict[str, Any],
+    seed: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float, float, int]]: ...
 def gif(pictures: NDArray[np.uint8], delay_s: float) -> bytes: ...
 def load_drawing(
     path: Path, margin_px: float, threshold: float, ink: str, invert: bool, fit: str

@@ -101,7 +101,7 @@ def write_job(
                 "x_px": x_px,
                 "y_px": y_px,
                 "decided_ms": 0.2,
-                "again": False,
+                "origin": "decided",
             },
             {
                 "kind": "position",

@@ -125,7 +125,7 @@ def test_an_unknown_effect_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "deciding",
     [
-        Deciding(planner="policy"),
+        Deciding(planner="greedy", policy="random-shape"),
         Deciding(planner="fixed"),
         Deciding(planner="greedy", plan=[[1.0, 2.0]]),
         Deciding(planner="raster"),  # type: ignore[arg-type]

@@ -14,6 +14,7 @@ from lasergym import __version__
 from lasergym.cli.bench import bench
 from lasergym.cli.compare import compare
 from lasergym.cli.demo import demo
+from lasergym.cli.disturb import disturb
 from lasergym.cli.envs import envs
 from lasergym.cli.evaluate import evaluate
 from lasergym.cli.export import export
@@ -39,7 +40,7 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (plan, machine, envs, bench, compare, train, evaluate, export, demo):
+for _command in (plan, machine, envs, bench, compare, disturb, train, evaluate, export, demo):
     app.command(_command.__name__)(_command)
 
 

@@ -66,8 +66,12 @@ def machine(
         str, _option("--planner", help=f"One of {', '.join(_PLANNERS)}.", panel=_DECIDING)
     ] = "anneal",
     policy: Annotated[
-        Path | None,
-        _option("--policy", help="Policy file of policy and agent-mpc.", panel=_DECIDING),
+        str | None,
+        _option(
+            "--policy",
+            help="For policy and agent-mpc: star, rotated-star, random-shape, or a file.",
+            panel=_DECIDING,
+        ),
     ] = None,
     thinking_s: Annotated[
         float,

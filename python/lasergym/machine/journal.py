@@ -124,14 +124,15 @@ class Intent:
         x_px: Where it is aimed, px.
         y_px: Where it is aimed, px.
         decided_ms: Time that the decision took, ms.
-        again: Whether a command that was never carried out is repeated.
+        origin: ``"decided"``, ``"again"`` (a command that was never carried out is repeated), or
+            ``"recovered"`` (found on the workpiece when the job was resumed).
     """
 
     pulse: int
     x_px: float
     y_px: float
     decided_ms: float = 0.0
-    again: bool = False
+    origin: str = "decided"
 
     kind: ClassVar[str] = "intent"
 

@@ -20,7 +20,7 @@ from lasergym.machine.journal import JOURNAL_NAME, Begin, Mark, Verdict, read_jo
 from lasergym.machine.report import RIG_NAME, JobReport, write_report
 from lasergym.options import LARGEST_SEED, integer_in
 from lasergym.planners import LEARNED_PLANNERS, Plan, positions
-from lasergym.policy import Policy
+from lasergym.policy import Policy, PolicyName
 from lasergym.targets import TargetLike, as_target
 
 __all__ = [
@@ -112,7 +112,8 @@ class Deciding:
     Attributes:
         planner: ``"greedy"``, ``"anneal"`` (plans all pulses, then refines the rest before each),
             ``"policy"``, ``"agent-mpc"`` (a policy with foresight), or ``"fixed"``.
-        policy: Policy, or the name of its file, for ``"policy"`` and ``"agent-mpc"``.
+        policy: The policy of ``"policy"`` and ``"agent-mpc"``, the name of a shipped one
+            (:data:`lasergym.policy.SHIPPED_POLICIES`) or of a file. Default: ``"random-shape"``.
         plan: Positions for ``"fixed"``, px, shape (pulses, 2), or a plan: they are fired as they
             are, whatever happens.
         seed: Seed of ``"anneal"`` and ``"agent-mpc"``, from 0 to 2⁶⁴ − 1.
@@ -124,7 +125,7 @@ class Deciding:
     """
 
     planner: DeciderName = "anneal"
-    policy: Policy | str | Path | None = None
+    policy: Policy | PolicyName | str | Path | None = None
     plan: Plan | ArrayLike | None = None
     seed: int = 0
     first_s: float = 1.0
@@ -136,16 +137,16 @@ class Deciding:
         """The settings as the native job takes them."""
         if self.planner not in DECIDERS:
             raise OptionError(f"planner is {self.planner!r}, but must be one of {DECIDERS}")
-        if (self.planner in LEARNED_PLANNERS) != (self.policy is not None):
+        learned = self.planner in LEARNED_PLANNERS
+        if self.policy is not None and not learned:
             raise OptionError(
-                f"policy is {self.policy}, but {' and '.join(LEARNED_PLANNERS)} need one, and only "
-                "they"
+                f"policy is {self.policy}, but only {' and '.join(LEARNED_PLANNERS)} take one"
             )
         if (self.planner == "fixed") != (self.plan is not None):
             raise OptionError("a plan is for the planner 'fixed', which needs one")
         policy = self.policy
-        if policy is not None and not isinstance(policy, Policy):
-            policy = Policy.load(policy)
+        if learned and not isinstance(policy, Policy):
+            policy = Policy.load(policy or "random-shape")
         return {
             "name": self.planner,
             "seed": integer_in("seed", self.seed, 0, LARGEST_SEED),
@@ -153,7 +154,7 @@ class Deciding:
             "first_s": self.first_s,
             "moves": self.moves,
             "thinking_s": self.thinking_s,
-            "policy": None if policy is None else policy.native,
+            "policy": policy.native if isinstance(policy, Policy) else None,
             "xy_px": self._positions(),
         }
 

@@ -8,6 +8,7 @@ mod laser;
 mod options;
 mod preset;
 mod rig;
+mod saved_rig;
 mod stage;
 mod state;
 mod surface;
@@ -19,6 +20,7 @@ pub use laser::SimulatedLaser;
 pub use options::{MAX_FRAME_SIDE_PX, SimulatorOptions};
 pub use preset::Preset;
 pub use rig::Rig;
+pub use saved_rig::{Saved, SavedRig, SavedRigError};
 pub use stage::SimulatedStage;
 pub use state::{PhaseTimes, RigState, Speck, TrueMark};
 
