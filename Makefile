@@ -20,7 +20,7 @@ GYMNASIUMS := $(GYMNASIUM_VERSIONS:%=$(VENV)/gymnasium-%)
 help: ## Show what there is to make
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: $(PACKAGE) ## Plan and machine an example drawing; leaves picture, program and report in demo/
+demo: $(PACKAGE) ## Machine an example drawing under the camera of a simulated machine; leaves a report in demo/
 	$(BIN)/lasergym demo tests/assets/thumbs_up.svg --output demo
 
 test: test-rust test-python test-gymnasium ## Run every test, of Rust and of Python

@@ -123,3 +123,55 @@ class OptimiserError(LasergymError, ValueError):
 
 class ProgramError(LasergymError, ValueError):
     """A machine program cannot be read or written."""
+
+
+class DriverError(LasergymError):
+    """A device of a machine failed; a job takes it as the fault ``kind``."""
+
+    kind = "other"
+
+
+class DriverTimeoutError(DriverError, TimeoutError):
+    """A device did not answer in time."""
+
+    kind = "timeout"
+
+
+class OutOfLimitsError(DriverError, ValueError):
+    """A position is beyond the limits of the stage, or not a number."""
+
+    kind = "out_of_limits"
+
+
+class InterlockError(DriverError):
+    """A door, an emergency stop or a shutter is open."""
+
+    kind = "interlock"
+
+
+class DisconnectedError(DriverError, ConnectionError):
+    """A device is gone."""
+
+    kind = "disconnected"
+
+
+class ProtocolError(DriverError):
+    """What a device said cannot be true."""
+
+    kind = "protocol"
+
+
+class JobError(LasergymError, ValueError):
+    """A job cannot be begun or resumed as it was asked for."""
+
+
+class JournalError(JobError):
+    """A journal cannot be read."""
+
+
+class JobFailedError(LasergymError, RuntimeError):
+    """A job cannot go on, for instance since its journal cannot be written."""
+
+
+class CalibrationError(LasergymError, ValueError):
+    """The camera's view of the workpiece is not known well enough."""

@@ -6,12 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 import lasergym
 from lasergym.cli import main
-from lasergym.cli.demo import play
 
 GREEDY = ("--planner", "greedy")
 
@@ -64,7 +64,7 @@ def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"lasergym {lasergym.__version__}\n"
 
 
-@pytest.mark.parametrize("command", ["plan", "envs", "bench", "compare", "demo"])
+@pytest.mark.parametrize("command", ["plan", "machine", "envs", "bench", "compare", "demo"])
 def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([command, "--help"]) == 0
     assert "Usage: lasergym" in capsys.readouterr().out
@@ -347,21 +347,31 @@ def test_a_wrong_list_of_environments_is_refused(
     refused(capsys, "bench", "--envs", envs)
 
 
-def test_demo_leaves_picture_program_and_report(
-    capsys: pytest.CaptureFixture[str], assets: Path
-) -> None:
-    assert main(["demo", str(assets / "thumbs_up.svg"), "-o", "out/demo"]) == 0
+def test_demo_leaves_plan_job_and_report(capsys: pytest.CaptureFixture[str], assets: Path) -> None:
+    folder = Path("out/demo")
+    for _ in range(2):  # a second demo begins anew
+        assert main(["demo", str(assets / "thumbs_up.svg"), "-o", str(folder)]) == 0
     out = capsys.readouterr().out
     assert "raster" in out
-    folder = Path("out/demo")
-    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    program = (folder / "toolpath.nc").read_text(encoding="utf-8")
+    plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
     target = lasergym.targets.load(assets / "thumbs_up.svg")
-    score = lasergym.score(target, report["xy_px"])
-    assert score.reward == report["reward"]
-    assert all(report["reward"] > baseline["reward"] for baseline in report["baselines"][:2])
-    assert len(lasergym.programs.from_gcode(program)) == report["pulses"]
-    assert {path.suffix for path in folder.iterdir()} == {".png", ".svg", ".nc", ".csv", ".json"}
+    assert lasergym.score(target, plan["xy_px"]).reward == plan["reward"]
+    program = (folder / "toolpath.nc").read_text(encoding="utf-8")
+    assert len(lasergym.programs.from_gcode(program)) == plan["pulses"]
+    job = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    assert job["machined_fraction"] > 0.94
+    assert job["off_target_fraction"] < 0.05
+    assert job["faults"] == []
+    assert (folder / "report.html").is_file()
+
+
+def test_demo_never_deletes_a_real_job(capsys: pytest.CaptureFixture[str], assets: Path) -> None:
+    Path("job").mkdir()
+    journal = Path("job/journal.jsonl")
+    journal.write_text("precious", encoding="utf-8")
+    assert main(["demo", str(assets / "thumbs_up.svg"), "-o", "job"]) == 2
+    assert "holds a job already" in capsys.readouterr().err
+    assert journal.read_text(encoding="utf-8") == "precious"
 
 
 @pytest.mark.parametrize("planner", ["raster", "raster-fine", "greedy"])
@@ -371,8 +381,18 @@ def test_playing_a_plan_gives_the_score_of_where_its_pulses_landed(
 ) -> None:
     target = lasergym.targets.random_shape(seed)
     plan = lasergym.plan(target, planner)
-    played = play(target, plan)
-    assert played.score == lasergym.score(target, played.xy_px)
-    inside = plan.xy_px[: played.pulses].clip(0, 100)
-    np.testing.assert_allclose(played.xy_px, inside, atol=4e-6)
-    assert played.reward == pytest.approx(plan.reward, abs=0.003)
+    env = gym.make(
+        "lasergym/Pattern-v0", target=target, max_pulses=len(plan.actions), completion=1.0
+    )
+    env.reset(seed=0)
+    reward, pulses, terminated = 0.0, 0, False
+    while not terminated:
+        _, gain, terminated, _, info = env.step(plan.actions[pulses])
+        reward += float(gain)
+        pulses += 1
+    landed_px = plan.xy_px[:pulses].clip(0, 100)
+    score = lasergym.score(target, 50 * (plan.actions[:pulses].astype(np.float64).clip(-1, 1) + 1))
+    assert reward == pytest.approx(score.reward, abs=1e-9)
+    assert info["machined_fraction"] == score.machined_fraction
+    assert info["off_target_fraction"] == score.off_target_fraction
+    assert score.reward == pytest.approx(lasergym.score(target, landed_px).reward, abs=0.003)

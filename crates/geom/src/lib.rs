@@ -5,6 +5,7 @@
 //! [`PIXEL_UM`] µm. Pixel (row `j`, column `i`) has its centre at `(x, y) = (i + 0.5, j + 0.5)`;
 //! x points right, y points down.
 
+mod animation;
 mod bezier;
 mod bitmap;
 mod drawing;
@@ -27,6 +28,7 @@ mod svg_drawing;
 mod svg_numbers;
 mod svg_references;
 
+pub use animation::animation_gif;
 pub use bezier::CubicBezier;
 pub use bitmap::{Bitmap, Row, row_mask};
 pub use drawing::{drawing_from_bytes, load_drawing};

@@ -1,6 +1,8 @@
 //! Laser machining under a camera: the drivers of a machine, a simulated one, the vision that finds
 //! each mark, and jobs that correct what went wrong and lose nothing.
 
+mod calibration;
+mod calibration_run;
 mod driver;
 mod error;
 mod fault;
@@ -10,8 +12,14 @@ mod interlock;
 mod job;
 mod journal;
 mod observation;
+pub mod simulator;
 mod supervise;
+pub mod vision;
 
+pub use calibration::{
+    CalibrationError, CalibrationModel, CalibrationOptions, CalibrationPair, CameraCalibration,
+};
+pub use calibration_run::CalibrationRun;
 pub use driver::{Camera, DriverError, FaultKind, Laser, Stage, StageLimits};
 pub use error::JobError;
 pub use fault::{Device, Fault};

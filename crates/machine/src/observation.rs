@@ -79,4 +79,14 @@ pub enum ObserverError {
         /// What does not fit.
         reason: String,
     },
+    /// A setting of an observer lies outside its range.
+    #[error("{name} is {value}, but must be {expected}")]
+    InvalidOption {
+        /// Name of the setting.
+        name: &'static str,
+        /// The value given.
+        value: f64,
+        /// What is accepted.
+        expected: &'static str,
+    },
 }

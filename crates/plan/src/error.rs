@@ -44,6 +44,16 @@ pub enum PlanError {
         /// y, px.
         y: f64,
     },
+    /// A disturbance that is out of range.
+    #[error("{name} is {value}, but must be {expected}")]
+    Disturbance {
+        /// Name of the value.
+        name: &'static str,
+        /// The value given.
+        value: f64,
+        /// What is accepted.
+        expected: &'static str,
+    },
     /// A raster grid with too many cells.
     #[error(
         "a raster grid of pitch {pitch_px} px has more than {limit} cells: use a larger pulse radius"

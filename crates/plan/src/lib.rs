@@ -16,6 +16,7 @@ mod anneal;
 mod cma_es;
 mod cma_es_planner;
 mod decider;
+mod disturbance;
 mod error;
 mod fixed_plan;
 mod forethought;
@@ -50,6 +51,7 @@ pub use cma_es::{
 };
 pub use cma_es_planner::{CmaEsBudget, CmaEsPlanner, MAX_CMA_ES_PULSES};
 pub use decider::Decider;
+pub use disturbance::{Disturbance, DisturbedJob, disturbed_job};
 pub use error::PlanError;
 pub use fixed_plan::FixedPlan;
 pub use forethought::Thinking;

@@ -2,6 +2,7 @@
 
 use lasergym_ablation::AblationError;
 use lasergym_geom::DrawingError;
+use lasergym_machine::{CalibrationError, JobError};
 use lasergym_plan::PlanError;
 use lasergym_toolpath::ToolpathError;
 use pyo3::PyErr;
@@ -80,6 +81,7 @@ pub(crate) fn toolpath_error(error: ToolpathError) -> PyErr {
 pub(crate) fn plan_error(error: PlanError) -> PyErr {
     let class = match &error {
         PlanError::InvalidOption { .. }
+        | PlanError::Disturbance { .. }
         | PlanError::NoPulses
         | PlanError::TooManyPulses { .. }
         | PlanError::PulseRadius { .. }
@@ -92,6 +94,32 @@ pub(crate) fn plan_error(error: PlanError) -> PyErr {
         | PlanError::UnknownPolicy { .. }
         | PlanError::PolicyDecision { .. } => "PolicyError",
         _ => "PlanError",
+    };
+    exception(class, error.to_string())
+}
+
+/// The exception of a [`JobError`].
+pub(crate) fn job_error(error: JobError) -> PyErr {
+    let class = match &error {
+        JobError::InvalidOption { .. } => "OptionError",
+        JobError::Storage { .. }
+        | JobError::JournalFull { .. }
+        | JobError::Record { .. }
+        | JobError::Thread { .. } => "JobFailedError",
+        JobError::Journal { .. } => "JournalError",
+        _ => "JobError",
+    };
+    match error {
+        JobError::Plan(error) => plan_error(error),
+        other => exception(class, other.to_string()),
+    }
+}
+
+/// The exception of a [`CalibrationError`].
+pub(crate) fn calibration_error(error: CalibrationError) -> PyErr {
+    let class = match &error {
+        CalibrationError::InvalidOption { .. } => "OptionError",
+        _ => "CalibrationError",
     };
     exception(class, error.to_string())
 }

@@ -6,9 +6,13 @@
 mod batch;
 mod bitmaps;
 mod cma_es;
+mod disturbances;
 mod drawings;
 mod environment;
 mod errors;
+mod machine;
+mod machine_drivers;
+mod machine_rig;
 mod pictures;
 mod planners;
 mod policy;
@@ -25,11 +29,17 @@ mod _native {
     #[pymodule_export]
     use crate::cma_es::NativeCmaEs;
     #[pymodule_export]
+    use crate::disturbances::disturbed_job;
+    #[pymodule_export]
     use crate::drawings::{load_drawing, target_png};
     #[pymodule_export]
     use crate::environment::NativeEnvironment;
     #[pymodule_export]
-    use crate::pictures::NativeTrajectoryPicture;
+    use crate::machine::{calibrate, run_machine};
+    #[pymodule_export]
+    use crate::machine_rig::{NativeRig, calibrate_simulator, simulator_options};
+    #[pymodule_export]
+    use crate::pictures::{NativeTrajectoryPicture, gif};
     #[pymodule_export]
     use crate::planners::{plan, shortest_order};
     #[pymodule_export]

@@ -1,14 +1,16 @@
 //! Pictures of targets and pulses.
 
-use lasergym_geom::{DrawingError, Picture, Point, svg_to_rgba};
+use std::time::Duration;
+
+use lasergym_geom::{DrawingError, Picture, Point, animation_gif, svg_to_rgba};
 use lasergym_toolpath::{OverlayOptions, Pulse, Trajectory, trajectory_svg};
 use numpy::ndarray::Array3;
-use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyArray3, PyReadonlyArray2, PyReadonlyArray4, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::bitmaps::bitmap_of;
-use crate::errors::{drawing_error, exception, toolpath_error};
+use crate::errors::{drawing_error, exception, option_error, toolpath_error};
 
 /// A target with pulses in firing order, and how it is drawn.
 #[pyclass(name = "TrajectoryPicture", module = "lasergym._native", frozen)]
@@ -92,4 +94,36 @@ impl NativeTrajectoryPicture {
         })
         .map_err(drawing_error)
     }
+}
+
+/// Pictures, uint8 of shape (pictures, height, width, 3), as the bytes of a GIF file that shows each
+/// for `delay_s`.
+#[pyfunction]
+pub(crate) fn gif<'py>(
+    py: Python<'py>,
+    pictures: PyReadonlyArray4<'_, u8>,
+    delay_s: f64,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let &[_, height, width, 3] = pictures.shape() else {
+        let shape = pictures.shape();
+        let expected = "(pictures, height, width, 3)";
+        let message = format!("the pictures have shape {shape:?}, but must have shape {expected}");
+        return Err(exception("ShapeError", message));
+    };
+    let delay = Duration::try_from_secs_f64(delay_s)
+        .map_err(|_| option_error("delay_s", delay_s, "at least 0, in seconds"))?;
+    let side =
+        |px: usize| u32::try_from(px).map_err(|error| exception("ShapeError", error.to_string()));
+    let (width_px, height_px) = (side(width)?, side(height)?);
+    let pictures: Vec<Picture> = pictures
+        .as_array()
+        .outer_iter()
+        .map(|picture| {
+            let opaque = |rgb: numpy::ndarray::ArrayView1<'_, u8>| [rgb[0], rgb[1], rgb[2], 255];
+            let rgba = picture.rows().into_iter().flat_map(opaque).collect();
+            Picture { width_px, height_px, rgba }
+        })
+        .collect();
+    let bytes = py.detach(|| animation_gif(&pictures, delay)).map_err(drawing_error)?;
+    Ok(PyBytes::new(py, &bytes))
 }

@@ -1,6 +1,7 @@
 """The program ``lasergym``: its commands, exit codes and how errors reach the user.
 
-Exit codes: 0 done, 1 failed, 2 wrong usage or bad input.
+Exit codes: 0 done, 1 failed, 2 wrong usage or bad input; a job that a signal stopped: 128 and the
+number of the signal.
 """
 
 import sys
@@ -13,10 +14,12 @@ from lasergym import __version__
 from lasergym.cli.bench import bench
 from lasergym.cli.compare import compare
 from lasergym.cli.demo import demo
+from lasergym.cli.disturb import disturb
 from lasergym.cli.envs import envs
 from lasergym.cli.evaluate import evaluate
 from lasergym.cli.export import export
 from lasergym.cli.hints import hint_for
+from lasergym.cli.machine import machine
 from lasergym.cli.output import report_error
 from lasergym.cli.plan import plan
 from lasergym.cli.train import train
@@ -37,7 +40,7 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (plan, envs, bench, compare, train, evaluate, export, demo):
+for _command in (plan, machine, envs, bench, compare, disturb, train, evaluate, export, demo):
     app.command(_command.__name__)(_command)
 
 

@@ -20,6 +20,9 @@ _HINTS: dict[type[errors.LasergymError], str] = {
     errors.FullTargetError: "try --invert, a higher --threshold or a --margin-px",
     errors.OptionError: "--help lists the options and their ranges",
     errors.ThreadsError: "ask for fewer threads",
+    errors.JobError: "give a new folder with -o, or the folder of a job with --resume",
+    errors.JournalError: "give the folder of a job, which has a journal.jsonl",
+    errors.CalibrationError: "calibrate again: lasergym.machine.calibrate",
     errors.PolicyError: "give a .safetensors file that lasergym.export wrote",
 }
 
