@@ -23,6 +23,7 @@ from lasergym.export import write_network
 from lasergym.policy import Policy
 from lasergym.targets import Target
 from lasergym.training.corrections import CorrectionLearner, CorrectionOptions, Progress
+from lasergym.training.spatial_decision import POLISH_PX
 from lasergym.training.tables import to_table
 from lasergym.training.teacher import FIRST_VALIDATION_SEED, TeacherTask
 
@@ -58,9 +59,12 @@ def validate(policy: Policy, tasks: tuple[TeacherTask, ...], targets: int) -> di
     return means
 
 
-def export(learner: CorrectionLearner, path: Path, training: dict[str, object]) -> Policy:
+def export(
+    learner: CorrectionLearner, path: Path, training: dict[str, object], polish_px: float
+) -> Policy:
     """Writes the policy file and loads it as users do."""
-    write_network(learner.network.exported(), path, storage="bfloat16", training=training)
+    network = learner.network.exported(polish_px=polish_px)
+    write_network(network, path, storage="bfloat16", training=training)
     return Policy.load(path)
 
 
@@ -81,6 +85,12 @@ def main() -> None:
     )
     parser.add_argument(
         "--begin-with", type=Path, metavar="POLICY", help="policy file to learn on from"
+    )
+    parser.add_argument(
+        "--polish-px",
+        type=float,
+        default=POLISH_PX,
+        help="range of the polish of the policy that is written",
     )
     parser.add_argument(
         "--threads", type=int, default=torch.get_num_threads(), help="threads of torch"
@@ -129,7 +139,7 @@ def main() -> None:
         "samples": learner.samples,
         "elapsed_s": round(learner.elapsed_s),
     }
-    policy = export(learner, folder / "policy.safetensors", summary)
+    policy = export(learner, folder / "policy.safetensors", summary, arguments.polish_px)
     print(json.dumps(summary | validate(policy, tasks, arguments.targets)))
 
 
