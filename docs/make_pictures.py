@@ -1,6 +1,6 @@
 """Draws the pictures of these pages: ``python docs/make_pictures.py``.
 
-Writes ``docs/pictures/*.png`` and prints the score of each plan. Needs Pillow.
+Writes ``docs/pictures/*.png`` and ``*.gif``, and prints the score of each plan. Needs Pillow.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from PIL import Image
 
 import lasergym
 from lasergym import targets
+from lasergym.policy import SHIPPED_POLICIES, PolicyName
 from lasergym.render import render_trajectory
 
 HERE = Path(__file__).resolve().parent
@@ -53,6 +54,22 @@ def draw_random_shapes(name: str, seeds: range, columns: int) -> None:
     write_png(mosaic(tiles, columns), PICTURES / f"{name}.png")
 
 
+def draw_policy(policy: PolicyName, target: targets.Target) -> None:
+    """Writes ``policy-….gif``: a shipped policy at work."""
+    plan = lasergym.plan(target, "policy", policy=policy, max_pulses=-(-int(target.sum()) // 125))
+    frames = [
+        Image.fromarray(
+            render_trajectory(target, plan.xy_px[:count], width_px=TILE_PX, legend=False)
+        )
+        for count in range(plan.pulses + 1)
+    ]
+    palette = frames[-1].quantize(COLORS // 2)
+    first, *rest = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    path = PICTURES / f"policy-{policy}.gif"
+    first.save(path, save_all=True, append_images=rest, duration=150, loop=0, optimize=True)
+    print(f"policy-{policy}: {plan.pulses} pulses, reward {plan.reward:.4f}")
+
+
 def mosaic(tiles: list[NDArray[np.uint8]], columns: int) -> NDArray[np.uint8]:
     """Tiles of equal size, uint8 of shape (height, width, 3), on white, row by row."""
     height, width, _ = tiles[0].shape
@@ -76,6 +93,9 @@ def main() -> None:
     draw_plan("star", targets.star())
     draw_plan("thumbs_up", targets.load(THUMBS_UP))
     draw_random_shapes("random_shapes", range(6), columns=3)
+    shown = (targets.star(), targets.star(23.0), targets.random_shape(2_000_000_000))
+    for policy, target in zip(SHIPPED_POLICIES, shown, strict=True):
+        draw_policy(policy, target)
 
 
 if __name__ == "__main__":
