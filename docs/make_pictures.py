@@ -1,10 +1,13 @@
 """Draws the pictures of these pages: ``python docs/make_pictures.py``.
 
-Writes ``docs/pictures/*.png`` and ``*.gif``, and prints the score of each plan. Needs Pillow.
+Writes ``docs/pictures/*.png`` and ``*.gif``, and prints the score of each plan. Needs Pillow, and
+Chromium for the report of a job.
 """
 
 from __future__ import annotations
 
+import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +16,7 @@ from PIL import Image
 
 import lasergym
 from lasergym import targets
+from lasergym.machine import Deciding, run_job
 from lasergym.policy import SHIPPED_POLICIES, PolicyName
 from lasergym.render import render_trajectory
 
@@ -70,6 +74,23 @@ def draw_policy(policy: PolicyName, target: targets.Target) -> None:
     print(f"policy-{policy}: {plan.pulses} pulses, reward {plan.reward:.4f}")
 
 
+def draw_job_report(name: str) -> None:
+    """Writes ``name.png``: the report of a job, as a browser shows it."""
+    sys.path.insert(0, str(HERE.parent / "tests" / "python"))
+    from headless_browser import HeadlessBrowser
+
+    with tempfile.TemporaryDirectory() as folder:
+        job = Path(folder) / "thumbs-up"
+        deciding = Deciding(planner="anneal", first_iterations=2_000_000, moves=20_000)
+        report = run_job(targets.load(THUMBS_UP), job, deciding=deciding)
+        address = (job / "report.html").as_uri() + "#pulse=24"
+        with HeadlessBrowser(address, width_px=900, height_px=640) as browser:
+            browser.screenshot(job / "page.png")
+        page = Image.open(job / "page.png").convert("RGB")
+        write_png(np.asarray(page.crop((0, 0, page.width, 860))), PICTURES / f"{name}.png")
+    print(f"{name}: {report.machined_fraction:.1%} machined, {report.off_target_fraction:.1%} off")
+
+
 def mosaic(tiles: list[NDArray[np.uint8]], columns: int) -> NDArray[np.uint8]:
     """Tiles of equal size, uint8 of shape (height, width, 3), on white, row by row."""
     height, width, _ = tiles[0].shape
@@ -96,6 +117,7 @@ def main() -> None:
     shown = (targets.star(), targets.star(23.0), targets.random_shape(2_000_000_000))
     for policy, target in zip(SHIPPED_POLICIES, shown, strict=True):
         draw_policy(policy, target)
+    draw_job_report("job_report")
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ from lasergym.machine.report import REPORT_FILES
 __all__ = ["exit_code", "machine", "print_job", "shown", "stop_on_signals"]
 
 _DECIDING = "Deciding"
+_DRAWING = "Drawing"
 _SIMULATED = "Simulated machine"
 _REAL = "Real machine"
 
@@ -108,6 +109,21 @@ def machine(
         _option("--arm", help="Let real drivers fire; without it, a dry run.", panel=_REAL),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    margin_px: Annotated[
+        float, _option("--margin-px", help="Free border on each side, px.", panel=_DRAWING)
+    ] = 5.0,
+    threshold: Annotated[
+        float, _option("--threshold", help="Ink that makes a pixel target, (0, 1].", panel=_DRAWING)
+    ] = 0.5,
+    ink: Annotated[
+        str, _option("--ink", help="What is ink: auto, luminance or alpha.", panel=_DRAWING)
+    ] = "auto",
+    invert: Annotated[
+        bool, _option("--invert", help="Machine what is not ink.", panel=_DRAWING)
+    ] = False,
+    fit: Annotated[
+        str, _option("--fit", help="scale to the workpiece, or exact pixels.", panel=_DRAWING)
+    ] = "scale",
 ) -> None:
     """Machine a drawing pulse by pulse, correcting what the camera sees.
 
@@ -131,12 +147,17 @@ def machine(
     with stop_on_signals() as received, progress_bar("machining") as bar:
         show = shown(bar.show)
         if resume is not None:
-            report = resume_job(
-                resume, real, policy=policy, options=options, arm=arm, progress=show
-            )
+            report = resume_job(resume, real, policy=policy, arm=arm, progress=show)
         else:
             report = run_job(
-                read_target(str(target)),
+                read_target(
+                    str(target),
+                    margin_px=margin_px,
+                    threshold=threshold,
+                    ink=cast("Any", ink),
+                    invert=invert,
+                    fit=cast("Any", fit),
+                ),
                 folder,
                 real or _simulated(preset, effect or [], seed),
                 deciding=Deciding(

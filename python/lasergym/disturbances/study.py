@@ -247,7 +247,7 @@ class _Contestants:
         aimed, _, _ = lasergym._native.disturbed_job(
             target, 9.0, options.max_pulses, self._planner().settings(), calm, 0
         )
-        return aimed  # type: ignore[return-value]
+        return aimed
 
 
 def _shapes() -> dict[str, Target]:

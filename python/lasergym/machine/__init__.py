@@ -2,13 +2,11 @@
 
 from lasergym.machine import drivers
 from lasergym.machine.calibration import Calibration, calibrate
+from lasergym.machine.deciding import DECIDERS, DeciderName, Deciding
 from lasergym.machine.journal import Journal, read_journal
 from lasergym.machine.report import JobReport, Step, read_report, write_report
 from lasergym.machine.run import (
-    DECIDERS,
     PRESETS,
-    DeciderName,
-    Deciding,
     Drivers,
     JobCallback,
     JobOptions,

@@ -175,7 +175,9 @@ def read_report(folder: str | os.PathLike[str]) -> JobReport:
     seen = journal.of(Observed)
     end = journal.end
     last: End | Observed | None = end or (seen[-1] if seen else None)
-    elapsed_s, phases = _times(journal, Path(folder) / RIG_NAME)
+    elapsed_s, phases = _times(
+        journal, Path(folder) / RIG_NAME if "preset" in begin.drivers else None
+    )
     return JobReport(
         folder=Path(folder),
         begin=begin,
@@ -247,7 +249,7 @@ def _marks(step: Step) -> tuple[Mark, ...]:
     return () if step.observed is None else step.observed.marks
 
 
-def _times(journal: Journal, rig: Path) -> tuple[float, dict[str, float]]:
+def _times(journal: Journal, rig: Path | None) -> tuple[float, dict[str, float]]:
     """Time altogether and by phase, s, of every time that the job was begun or resumed.
 
     Simulated devices do not take the time that real ones would, but tell it.
@@ -258,7 +260,7 @@ def _times(journal: Journal, rig: Path) -> tuple[float, dict[str, float]]:
     for stop in stops:
         for name, time_s in stop.phases.items():
             phases[name] = phases.get(name, 0.0) + time_s
-    if not rig.is_file():
+    if rig is None or not rig.is_file():
         return elapsed_s, phases
     simulated = json.loads(rig.read_text(encoding="utf-8"))["elapsed"]
     for name, simulated_name in _SIMULATED_PHASES.items():

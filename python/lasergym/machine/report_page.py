@@ -217,8 +217,7 @@ def _facts(report: JobReport) -> list[list[str]]:
 
 
 def _words(settings: Mapping[str, Any]) -> str:
-    return ", ".join(
-        str(value) if name in ("name", "preset") else f"{name} {value}"
-        for name, value in settings.items()
-        if not isinstance(value, (Mapping, list))
-    )
+    """Settings in a line, the name first."""
+    plain = {key: value for key, value in settings.items() if not isinstance(value, Mapping | list)}
+    names = [str(plain.pop(key)) for key in ("name", "preset") if key in plain]
+    return ", ".join([*names, *(f"{key} {value}" for key, value in plain.items())])

@@ -5,29 +5,23 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from lasergym import _native
 from lasergym.errors import JobError, OptionError
 from lasergym.machine.calibration import Calibration
+from lasergym.machine.deciding import Deciding
 from lasergym.machine.drivers.interface import Camera, Laser, Stage
 from lasergym.machine.journal import JOURNAL_NAME, Begin, Mark, Verdict, read_journal
 from lasergym.machine.report import RIG_NAME, JobReport, write_report
 from lasergym.options import LARGEST_SEED, integer_in
-from lasergym.planners import LEARNED_PLANNERS, Plan, positions
-from lasergym.policy import Policy, PolicyName
+from lasergym.policy import Policy
 from lasergym.targets import TargetLike, as_target
 
 __all__ = [
-    "DECIDERS",
     "PRESETS",
-    "DeciderName",
-    "Deciding",
     "Drivers",
     "JobCallback",
     "JobOptions",
@@ -42,11 +36,6 @@ Preset: TypeAlias = Literal["ideal", "lab", "harsh"]
 """Ready-made simulated machines: without error, the rig of Xie et al. (2022), a worn one."""
 
 PRESETS: tuple[Preset, ...] = get_args(Preset)
-
-DeciderName: TypeAlias = Literal["greedy", "policy", "agent-mpc", "anneal", "fixed"]
-"""Who decides each pulse: planners that see what the last one did, or a plan as it stands."""
-
-DECIDERS: tuple[DeciderName, ...] = get_args(DeciderName)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,84 +94,6 @@ class Drivers:
         }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Deciding:
-    """Who decides the pulses.
-
-    Attributes:
-        planner: ``"greedy"``, ``"anneal"`` (plans all pulses, then refines the rest before each),
-            ``"policy"``, ``"agent-mpc"`` (a policy with foresight), or ``"fixed"``.
-        policy: The policy of ``"policy"`` and ``"agent-mpc"``, the name of a shipped one
-            (:data:`lasergym.policy.SHIPPED_POLICIES`) or of a file. Default: ``"random-shape"``.
-        plan: Positions for ``"fixed"``, px, shape (pulses, 2), or a plan: they are fired as they
-            are, whatever happens.
-        seed: Seed of ``"anneal"`` and ``"agent-mpc"``, from 0 to 2⁶⁴ − 1.
-        first_s: Time for the first plan of ``"anneal"``, s.
-        thinking_s: Time before each pulse of ``"anneal"`` and ``"agent-mpc"``, s.
-        first_iterations: Metropolis moves of the first plan, instead of its time.
-        moves: Metropolis moves before each pulse, instead of their time. With both the same seed
-            decides the same on every machine.
-    """
-
-    planner: DeciderName = "anneal"
-    policy: Policy | PolicyName | str | Path | None = None
-    plan: Plan | ArrayLike | None = None
-    seed: int = 0
-    first_s: float = 1.0
-    thinking_s: float = 0.05
-    first_iterations: int | None = None
-    moves: int | None = None
-
-    def settings(self) -> dict[str, Any]:
-        """The settings as the native job takes them."""
-        if self.planner not in DECIDERS:
-            raise OptionError(f"planner is {self.planner!r}, but must be one of {DECIDERS}")
-        learned = self.planner in LEARNED_PLANNERS
-        if self.policy is not None and not learned:
-            raise OptionError(
-                f"policy is {self.policy}, but only {' and '.join(LEARNED_PLANNERS)} take one"
-            )
-        if (self.planner == "fixed") != (self.plan is not None):
-            raise OptionError("a plan is for the planner 'fixed', which needs one")
-        policy = self.policy
-        if learned and not isinstance(policy, Policy):
-            policy = Policy.load(policy or "random-shape")
-        return {
-            "name": self.planner,
-            "seed": integer_in("seed", self.seed, 0, LARGEST_SEED),
-            "first_iterations": self.first_iterations,
-            "first_s": self.first_s,
-            "moves": self.moves,
-            "thinking_s": self.thinking_s,
-            "policy": policy.native if isinstance(policy, Policy) else None,
-            "xy_px": self._positions(),
-        }
-
-    def written(self) -> dict[str, Any]:
-        """The settings as the journal has them."""
-        settings = self.settings()
-        xy_px = settings.pop("xy_px")
-        settings["policy"] = str(self.policy) if isinstance(self.policy, str | Path) else None
-        settings["xy_px"] = None if xy_px is None else xy_px.tolist()
-        return {name: value for name, value in settings.items() if value is not None}
-
-    @classmethod
-    def of(cls, written: Mapping[str, Any], policy: Policy | str | Path | None) -> Deciding:
-        """The settings that a journal has."""
-        values = dict(written)
-        return cls(
-            planner=values.pop("name"),
-            policy=policy or values.pop("policy", None),
-            plan=values.pop("xy_px", None),
-            **{name: value for name, value in values.items() if name in cls.__dataclass_fields__},
-        )
-
-    def _positions(self) -> NDArray[np.float64] | None:
-        if self.plan is None:
-            return None
-        return positions(self.plan.xy_px if isinstance(self.plan, Plan) else self.plan)
-
-
 @dataclass(frozen=True, kw_only=True)
 class JobOptions:
     """How a job is done.
@@ -206,6 +117,10 @@ class JobOptions:
     exposure_s: float | None = None
     imaging_um: tuple[float, float] = (50.0, 50.0)
     home: bool = True
+
+
+_KEPT_OPTIONS = ("tolerance_um", "looks", "exposure_s", "home")
+"""Options that the journal keeps beside the drivers."""
 
 
 @dataclass(frozen=True)
@@ -293,12 +208,15 @@ def run_job(
         calibration = Calibration.of_simulated(machine.options(), machine.seed)
         described = {"preset": machine.preset, **machine.effects}
         seed = integer_in("seed", machine.seed, 0, LARGEST_SEED)
+    described["options"] = {name: getattr(options, name) for name in _KEPT_OPTIONS}
     settings |= {"drivers": json.dumps(described), "seed": seed}
     path.mkdir(parents=True, exist_ok=True)
-    rig = None
-    if isinstance(machine, SimulatedMachine):
-        rig = _native.Rig.create(path / RIG_NAME, json.dumps(machine.options()), seed)
-    return _run(path, settings, options, calibration, rig or machine, progress)
+    given: _native.Rig | Drivers
+    if isinstance(machine, Drivers):
+        given = machine
+    else:
+        given = _native.Rig.create(path / RIG_NAME, json.dumps(machine.options()), seed)
+    return _run(path, settings, options, calibration, given, progress)
 
 
 def resume_job(
@@ -306,7 +224,6 @@ def resume_job(
     machine: Drivers | None = None,
     *,
     policy: Policy | str | Path | None = None,
-    options: JobOptions | None = None,
     arm: bool = False,
     progress: JobCallback | None = None,
 ) -> JobReport:
@@ -318,7 +235,6 @@ def resume_job(
         folder: The folder of the job.
         machine: The drivers; None for a simulated machine, which the folder holds.
         policy: The policy, where it is no longer in the file that the job began with.
-        options: How the job is done from now on; target, pulses and radius stay.
         arm: Whether drivers may fire, as the job began.
         progress: Called after each pulse.
 
@@ -331,7 +247,7 @@ def resume_job(
     """
     path = Path(folder)
     begin = read_journal(path).begin
-    simulated = (path / RIG_NAME).is_file()
+    simulated = "preset" in begin.drivers
     if simulated == (machine is not None):
         raise JobError(
             f"the job in {path} was begun with {'a simulated machine' if simulated else 'drivers'}:"
@@ -348,16 +264,16 @@ def resume_job(
     }
     given = machine or _native.Rig.open(path / RIG_NAME)
     calibration = Calibration(begin.calibration or {})
-    return _run(path, settings, _as_begun(begin, options), calibration, given, progress)
+    return _run(path, settings, _as_begun(begin), calibration, given, progress)
 
 
-def _as_begun(begin: Begin, options: JobOptions | None) -> JobOptions:
-    return replace(
-        options or JobOptions(),
+def _as_begun(begin: Begin) -> JobOptions:
+    return JobOptions(
         max_pulses=begin.max_pulses,
         pulse_radius_px=begin.pulse_radius_px,
         completion=begin.completion,
         imaging_um=begin.imaging_um,
+        **begin.drivers.get("options", {}),
     )
 
 
