@@ -38,6 +38,9 @@ impl Default for Deadlines {
     }
 }
 
+/// How often a driver is asked to leave its device safe when it is let go.
+const LAST_TRIES: usize = 3;
+
 /// A call that waits for its driver.
 type Call<D> = Box<dyn FnOnce(&mut D) + Send>;
 
@@ -45,7 +48,7 @@ type Call<D> = Box<dyn FnOnce(&mut D) + Send>;
 ///
 /// A call that misses its deadline is a [`FaultKind::Timeout`], and the device is lost: all further
 /// calls fail at once. When the driver comes back after all, and also when it is dropped, its thread
-/// disarms the laser or stops the stage as the last thing it does. Nothing can disarm a laser whose
+/// disarms the laser or stops the stage as the last thing it does, in several tries if need be. Nothing can disarm a laser whose
 /// driver hangs for good: that takes an interlock in hardware. A driver that panics has failed with
 /// [`FaultKind::Other`] and is asked again.
 #[derive(Debug)]
@@ -64,7 +67,7 @@ impl<D: Send + 'static> Supervised<D> {
         device: Device,
         deadlines: Deadlines,
         limits_um: Option<StageLimits>,
-        last: impl FnOnce(&mut D) + Send + 'static,
+        last: impl Fn(&mut D) -> bool + Send + 'static,
     ) -> Result<Self, JobError> {
         let (calls, waiting) = mpsc::channel::<Call<D>>();
         let (end, ended) = mpsc::channel();
@@ -72,7 +75,11 @@ impl<D: Send + 'static> Supervised<D> {
             for call in waiting {
                 call(&mut driver);
             }
-            let _ = catch_unwind(AssertUnwindSafe(|| last(&mut driver)));
+            for _ in 0..LAST_TRIES {
+                if matches!(catch_unwind(AssertUnwindSafe(|| last(&mut driver))), Ok(true)) {
+                    break;
+                }
+            }
             drop(driver);
             let _ = end.send(());
         };
@@ -140,7 +147,7 @@ impl<S: Stage> Supervised<S> {
     /// [`JobError::Thread`].
     pub fn stage(stage: S, deadlines: Deadlines) -> Result<Self, JobError> {
         let limits_um = Some(stage.limits_um());
-        Self::start(stage, Device::Stage, deadlines, limits_um, |stage| drop(stage.stop()))
+        Self::start(stage, Device::Stage, deadlines, limits_um, |stage| stage.stop().is_ok())
     }
 }
 
@@ -150,7 +157,7 @@ impl<L: Laser> Supervised<L> {
     /// # Errors
     /// [`JobError::Thread`].
     pub fn laser(laser: L, deadlines: Deadlines) -> Result<Self, JobError> {
-        Self::start(laser, Device::Laser, deadlines, None, |laser| drop(laser.disarm()))
+        Self::start(laser, Device::Laser, deadlines, None, |laser| laser.disarm().is_ok())
     }
 }
 
@@ -160,7 +167,7 @@ impl<C: Camera> Supervised<C> {
     /// # Errors
     /// [`JobError::Thread`].
     pub fn camera(camera: C, deadlines: Deadlines) -> Result<Self, JobError> {
-        Self::start(camera, Device::Camera, deadlines, None, |_| ())
+        Self::start(camera, Device::Camera, deadlines, None, |_| true)
     }
 }
 
@@ -238,7 +245,9 @@ mod tests {
         }
 
         fn fire(&mut self) -> Result<(), Fault> {
-            assert!(!self.panics, "on purpose");
+            if self.panics {
+                std::panic::resume_unwind(Box::new("on purpose"));
+            }
             thread::sleep(self.hang);
             self.entries.lock().unwrap().push("fire");
             Ok(())
@@ -254,7 +263,9 @@ mod tests {
         let entries = Arc::new(Mutex::new(Vec::new()));
         let hang = Duration::from_millis(hang_ms);
         let laser = Diary { entries: Arc::clone(&entries), hang, panics };
-        let deadlines = Deadlines { laser: Duration::from_millis(100), ..Deadlines::default() };
+        let deadline = if hang_ms > 0 { 100 } else { 30_000 };
+        let deadlines =
+            Deadlines { laser: Duration::from_millis(deadline), ..Deadlines::default() };
         (Supervised::laser(laser, deadlines).unwrap(), entries)
     }
 

@@ -1,5 +1,7 @@
 //! Whole jobs on a machine whose truth is known.
 
+#![allow(clippy::unwrap_used, reason = "a helper that fails fails its test")]
+
 #[path = "../examples/faults/campaign.rs"]
 mod campaign;
 #[path = "../examples/faults/disk.rs"]
@@ -308,6 +310,7 @@ fn faults_have_names_and_leave_nothing_lost_or_doubled() {
         ("fire", HangsFirst, FaultKind::Timeout),
         ("fire", Panics, FaultKind::Other),
         ("frame", Lies, FaultKind::StaleFrame),
+        ("frame", LiesOtherwise, FaultKind::Protocol),
         ("frame", LiesDifferently, FaultKind::Protocol),
         ("observe", Fails, FaultKind::Protocol),
         ("observe", LiesOtherwise, FaultKind::Protocol),

@@ -106,15 +106,20 @@ fn run_job(seed: u64, tally: &mut Tally) -> Result<(), String> {
     let disk = Disk::new(&world);
     let mut begun = false;
     let mut processes = 0;
+    let mut last = String::new();
     let report = loop {
         processes += 1;
         if processes > TROUBLED_PROCESSES {
             world.lock().set_chance(0.0);
         }
         if processes > TROUBLED_PROCESSES + 10 {
-            return Err("it does not end, though nothing fails any more".to_owned());
+            return Err(format!("it does not end, though nothing fails any more: {last}"));
         }
         let ended = run_process(&world, &disk, &job, begun);
+        last = match &ended {
+            Ok(report) => format!("{:?} {:?}", report.status, report.faults.last()),
+            Err(error) => error.to_string(),
+        };
         world.end_process();
         if world.lock().is_dead() {
             tally.deaths += 1;

@@ -465,7 +465,7 @@ impl Camera for WildCamera {
             let now = Instant::now();
             let (marks, side, taken_at) = match lie {
                 Some(Lies) => (0, 8, now.checked_sub(Duration::from_secs(1)).unwrap_or(now)),
-                Some(LiesOtherwise) => (world.marks.len(), 9, now),
+                Some(LiesOtherwise) => (world.marks.len(), 9 + world.at_most(20), now),
                 Some(_) => (world.marks.len(), 8, now + Duration::from_secs(60)),
                 None => (world.marks.len(), 8, now),
             };

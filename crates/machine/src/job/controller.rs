@@ -93,7 +93,8 @@ impl<S: Stage, L: Laser, C: Camera> MachineJob<S, L, C> {
     }
 
     /// The job in `storage`, to go on where its journal ends. Nothing moves and nothing is written
-    /// yet. `decider` is a new one of the kind that the job was begun with.
+    /// yet. `decider` is a new one of the kind that the job was begun with. The process of the last run
+    /// must have ended where one of its drivers hung: what it may still do is not seen otherwise.
     ///
     /// # Errors
     /// As [`Self::begin`], and [`JobError::NoJob`], [`JobError::Journal`],
@@ -345,10 +346,7 @@ impl<S: Stage, L: Laser, C: Camera> MachineJob<S, L, C> {
             }
             let frame = match self.load_reference()? {
                 Some(frame) => frame,
-                None => {
-                    self.rig.go_to_imaging_position()?;
-                    self.rig.frame()?
-                }
+                None => self.take_reference()?,
             };
             self.save_frame(0, &frame)?;
             (frame.clone(), frame)
@@ -362,6 +360,14 @@ impl<S: Stage, L: Laser, C: Camera> MachineJob<S, L, C> {
         let observer = maker(&reference).map_err(|error| observer_fault(&error))?;
         self.rig.phases.vision_s += began.elapsed().as_secs_f64();
         Ok(Eyes { observer, before })
+    }
+
+    /// A first frame, with which a second one agrees in size: a wrong one could never be got rid of.
+    fn take_reference(&mut self) -> Result<Frame, Halt> {
+        self.rig.go_to_imaging_position()?;
+        let frame = self.rig.frame()?;
+        self.rig.frame()?;
+        Ok(frame)
     }
 
     fn save_frame(&mut self, pulse: usize, frame: &Frame) -> Result<(), JobError> {

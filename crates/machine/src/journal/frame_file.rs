@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     fn frame_and_record() -> (Frame, FrameRecord) {
-        let gray = (0..640 * 480).map(|k| (k * k / 7 % 251) as u8).collect();
+        let gray = (0..640 * 480_u64).map(|k| (k * k / 7 % 251) as u8).collect();
         let frame = Frame::new(640, 480, gray, Instant::now()).unwrap();
         let record = FrameRecord {
             pulse: 3,
