@@ -12,7 +12,7 @@ import pytest
 
 import lasergym
 from lasergym.errors import OptionError, PolicyError, ShapeError
-from lasergym.policy import Policy
+from lasergym.policy import SHIPPED_POLICIES, Policy
 
 torch = pytest.importorskip("torch")
 
@@ -66,7 +66,7 @@ def test_an_episode_of_the_policy_is_its_plan(tmp_path: Path, seed: int) -> None
     assert earned == pytest.approx(expected, abs=1e-9)
 
 
-def test_an_untrained_policy_is_about_as_good_as_greedy(tmp_path: Path) -> None:
+def test_an_untrained_policy_is_a_little_better_than_greedy(tmp_path: Path) -> None:
     policy = spatial_policy(tmp_path, CorrectionNet(4).eval())
     rewards = []
     for seed in range(20):
@@ -77,7 +77,7 @@ def test_an_untrained_policy_is_about_as_good_as_greedy(tmp_path: Path) -> None:
         )
         rewards.append([plan.reward for plan in plans])
     ours, greedy = np.mean(rewards, axis=0)
-    assert ours == pytest.approx(greedy, abs=0.004)
+    assert greedy <= ours < greedy + 0.01
 
 
 def test_a_direct_policy_maps_observations_to_actions(tmp_path: Path) -> None:
@@ -138,9 +138,24 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
 def test_a_policy_goes_with_its_planner_and_no_other(tmp_path: Path) -> None:
     target = lasergym.targets.star()
     with pytest.raises(OptionError, match="policy"):
-        lasergym.plan(target, "policy")
-    with pytest.raises(OptionError, match="policy"):
         lasergym.plan(target, "greedy", policy=spatial_policy(tmp_path, CorrectionNet(2)))
+
+
+def test_shipped_policies_are_known_by_name() -> None:
+    target = lasergym.targets.star()
+    for name in SHIPPED_POLICIES:
+        policy = Policy.load(name)
+        assert policy.manifest["training"]["updates"] > 0
+        named = lasergym.plan(target, "policy", policy=name, max_pulses=40)
+        np.testing.assert_array_equal(
+            named.xy_px, lasergym.plan(target, "policy", policy=policy, max_pulses=40).xy_px
+        )
+        assert named.reward > lasergym.plan(target, "greedy", max_pulses=40).reward
+    unnamed = lasergym.plan(target, "policy", max_pulses=40)
+    general = lasergym.plan(target, "policy", policy="random-shape", max_pulses=40)
+    np.testing.assert_array_equal(unnamed.xy_px, general.xy_px)
+    with pytest.raises(PolicyError, match="rotated-star"):
+        Policy.load("hexagon")
 
 
 def test_foresight_without_moves_is_the_policy_and_with_them_better(tmp_path: Path) -> None:
