@@ -12,12 +12,15 @@ from lasergym.targets import star
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
-from stable_baselines3 import PPO  # noqa: E402 - only where it is installed
+from safetensors.torch import load  # noqa: E402 - only where it is installed
+from stable_baselines3 import PPO  # noqa: E402
 
 import lasergym  # noqa: E402
-from lasergym.export import ParityError  # noqa: E402
+from lasergym.export import ParityError, parity_report  # noqa: E402
+from lasergym.policy import SHIPPED_POLICIES, PolicyName, policy_file  # noqa: E402
 from lasergym.sb3 import SpatialPolicy, make_vec_env, thinned  # noqa: E402
-from lasergym.training.agents import load_agent  # noqa: E402
+from lasergym.training.agents import Agent, load_agent  # noqa: E402
+from lasergym.training.config import Observation  # noqa: E402
 from lasergym.training.export import export_agent, visited_observations  # noqa: E402
 
 
@@ -95,3 +98,19 @@ def test_no_file_is_left_where_torch_and_runner_differ(monkeypatch: pytest.Monke
 def test_a_folder_that_is_missing_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "model.zip", "-o", "nowhere/policy.safetensors"]) == 2
     assert "nowhere" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", SHIPPED_POLICIES)
+def test_shipped_policies_decide_as_torch_does_with_their_weights(name: PolicyName) -> None:
+    shipped = lasergym.Policy.load(name)
+    venv = make_vec_env("lasergym/RandomShape-v0", n_envs=1, observation="layers")
+    policy = SpatialPolicy(
+        venv.observation_space,
+        venv.action_space,
+        lambda _: 0.0,
+        polish_px=shipped.manifest["decision"]["polish_px"],
+    )
+    policy.network.load_exported(load(policy_file(name)))
+    agent = Agent(policy, Observation.LAYERS)
+    seen = visited_observations(agent, 400, 45, seed=1)
+    parity_report(policy, Path(__file__), seen, lambda batch: np.stack([*map(shipped.act, batch)]))
