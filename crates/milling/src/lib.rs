@@ -1,0 +1,32 @@
+//! Depth milling with a laser or a waterjet: given a surface, find the passes of the beam and its
+//! dwell along them.
+//!
+//! Source: Bilbao-Guillerna, Axinte, Billingham and Cadot, "Waterjet and laser etching: the
+//! nonlinear inverse problem", Royal Society Open Science 4 (2017); equation numbers are those of the
+//! paper where it has them. Lengths are µm, speeds mm/s, dwells s/mm; x points right, y down and
+//! depths into the workpiece.
+
+mod abel;
+mod arctan;
+mod beam_path;
+mod beam_window;
+mod error;
+mod flat_step;
+mod footprint;
+mod footprint_table;
+mod grid;
+mod law;
+mod objective;
+mod pass_kernel;
+mod simulator;
+mod sloped_step;
+
+pub use abel::abel_inversion;
+pub use beam_path::{BeamPath, MAX_CONTROL_POINTS, RasterLayout};
+pub use error::MillingError;
+pub use footprint::{Compact, Footprint, GAUSSIAN_REACH, Gaussian};
+pub use footprint_table::FootprintTable;
+pub use grid::{Grid, MAX_GRID_CELLS};
+pub use law::{FeedSpeedLaw, RemovalLaw, SlopeLaw, SlopeSign};
+pub use objective::{Objective, TrackingError};
+pub use simulator::{Direction, Gradient, MAX_COURANT, Process, Simulator};
