@@ -136,6 +136,27 @@ impl BeamPath {
         Ok(())
     }
 
+    /// The passes before `pass`, and those from it on.
+    ///
+    /// Passes alternate in direction from the first of each part on.
+    #[must_use]
+    pub fn split_at_pass(&self, pass: usize) -> (Self, Self) {
+        let pass = pass.min(self.passes());
+        let (points, stretches) = (pass * self.points, pass * (self.points - 1));
+        let part = |y_um: &[f64], dwell: &[f64], beam_on: &[bool]| Self {
+            first_x_um: self.first_x_um,
+            spacing_um: self.spacing_um,
+            points: self.points,
+            y_um: y_um.to_vec(),
+            dwell_s_mm: dwell.to_vec(),
+            beam_on: beam_on.to_vec(),
+        };
+        (
+            part(&self.y_um[..points], &self.dwell_s_mm[..points], &self.beam_on[..stretches]),
+            part(&self.y_um[points..], &self.dwell_s_mm[points..], &self.beam_on[stretches..]),
+        )
+    }
+
     /// Whether the pass `pass` runs from right to left.
     #[must_use]
     pub fn is_reversed(&self, pass: usize) -> bool {

@@ -93,13 +93,20 @@ impl Footprint {
     /// Volume removed in a second from flat ground, Q = ∫∫ E dA, µm³/s.
     #[must_use]
     pub fn volume_rate_um3_s(&self) -> f64 {
-        // ∫∫ E dA = π ∫ E ds with s = r², by the midpoint rule.
+        self.integral(|rate| rate)
+    }
+
+    /// ∫∫ E² dA, µm⁴/s².
+    pub(crate) fn squared_rate_um4_s2(&self) -> f64 {
+        self.integral(|rate| rate * rate)
+    }
+
+    /// ∫∫ g(E) dA = π ∫ g(E) ds with s = r², by the midpoint rule.
+    fn integral(&self, of: impl Fn(f64) -> f64) -> f64 {
         const PARTS: usize = 4096;
-        let last = self.reach_um() * self.reach_um();
-        let width = last / PARTS as f64;
-        let sum: f64 =
-            (0..PARTS).map(|k| self.rate_um_s(((k as f64 + 0.5) * width).sqrt())).sum();
-        std::f64::consts::PI * width * sum
+        let width = self.reach_um().powi(2) / PARTS as f64;
+        let rate = |k: usize| self.rate_um_s(((k as f64 + 0.5) * width).sqrt());
+        std::f64::consts::PI * width * (0..PARTS).map(|k| of(rate(k))).sum::<f64>()
     }
 
     /// The same footprint with all radii times `radius_factor` and all rates times `rate_factor`.

@@ -57,7 +57,7 @@ impl PassKernel {
         scratch: &mut Scratch,
     ) {
         let PassKernel { window, slope, .. } = self;
-        self.run(Tangent { window, slope, steps, directions, depth, tangent, scratch });
+        self.run(Tangent { window, slope, steps, directions, depth, change: tangent, scratch });
     }
 
     fn run(&self, work: impl PassWork) {
@@ -153,22 +153,22 @@ struct Tangent<'a> {
     steps: &'a [BeamStep],
     directions: &'a [StepDirection],
     depth: &'a mut [f64],
-    tangent: &'a mut [f64],
+    change: &'a mut [f64],
     scratch: &'a mut Scratch,
 }
 
 impl PassWork for Tangent<'_> {
     #[inline(always)]
     fn run<R: Radial>(self, radial: R) {
-        let Self { window, slope, steps, directions, depth, tangent, scratch } = self;
+        let Self { window, slope, steps, directions, depth, change, scratch } = self;
         for (step, &direction) in steps.iter().zip(directions) {
             match slope {
                 None => {
-                    flat_step::apply_tangent(window, radial, step, direction, tangent, scratch);
+                    flat_step::apply_tangent(window, radial, step, direction, change, scratch);
                 }
                 Some(law) => {
                     sloped_step::apply_tangent(
-                        window, radial, law, step, direction, depth, tangent, scratch,
+                        window, radial, law, step, direction, depth, change, scratch,
                     );
                     sloped_step::apply(window, radial, law, step, depth, scratch);
                 }

@@ -62,6 +62,14 @@ pub struct Direction {
     pub y_um: Vec<f64>,
 }
 
+/// First and second derivative of the objective with respect to the dose of a stretch, times the
+/// dose and its square, µm⁴.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct StretchEffect {
+    pub(crate) first: f64,
+    pub(crate) second: f64,
+}
+
 impl Simulator {
     /// The model of `process` on `grid` with `substeps` steps between two points of a path.
     ///
@@ -207,7 +215,7 @@ impl Simulator {
             if let Some((cells, kept)) = &band {
                 depth_um[cells.clone()].copy_from_slice(kept);
             }
-            self.add_to_controls(path, pass, &steps, &by_step, &mut gradient);
+            Self::add_to_controls(path, pass, &steps, &by_step, &mut gradient);
         }
         Ok(gradient)
     }
@@ -266,10 +274,47 @@ impl Simulator {
         Ok(tangent)
     }
 
-    /// The chain rule from the steps of a pass to its points.
-    #[allow(clippy::unused_self)]
-    fn add_to_controls(
+    /// What the dose of each stretch between two points does to the objective of the surface
+    /// `depth_um`, for laws without slopes; shape (passes, points − 1).
+    pub(crate) fn stretch_effects(
         &self,
+        path: &BeamPath,
+        depth_um: &[f64],
+        objective: &Objective,
+    ) -> Result<Vec<StretchEffect>, MillingError> {
+        self.check(path, depth_um)?;
+        let mut adjoint = objective.derivative(depth_um);
+        let mut scratch = Scratch::new(self.kernel.window.side);
+        let (mut steps, mut tape, mut by_step) = (Vec::new(), Vec::new(), Vec::new());
+        let segments = path.points - 1;
+        let mut effects = vec![StretchEffect::default(); path.passes() * segments];
+        let mut doses = vec![0.0; effects.len()];
+        for pass in 0..path.passes() {
+            path.steps(pass, self.substeps, &self.law, &mut steps);
+            self.kernel.apply_transpose(
+                &steps,
+                &mut [],
+                &mut adjoint,
+                &mut tape,
+                &mut by_step,
+                &mut scratch,
+            );
+            for (step, by_step) in steps.iter().zip(&by_step) {
+                let stretch = pass * segments + step.point;
+                effects[stretch].first += step.dose_s * by_step.dose;
+                doses[stretch] += step.dose_s;
+            }
+        }
+        // A stretch is short beside the footprint, so its steps remove from the same cells.
+        let squared = self.kernel.footprint.squared_rate_um4_s2();
+        for (effect, dose_s) in effects.iter_mut().zip(doses) {
+            effect.second = dose_s * dose_s * squared;
+        }
+        Ok(effects)
+    }
+
+    /// The chain rule from the steps of a pass to its points.
+    fn add_to_controls(
         path: &BeamPath,
         pass: usize,
         steps: &[BeamStep],
