@@ -123,3 +123,11 @@ class OptimiserError(LasergymError, ValueError):
 
 class ProgramError(LasergymError, ValueError):
     """A machine program cannot be read or written."""
+
+
+class MillingError(LasergymError, ValueError):
+    """A milling job, its passes, profile or trenches cannot be used."""
+
+
+class DepthMapError(MillingError):
+    """A depth map cannot be read or milled."""

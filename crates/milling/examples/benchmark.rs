@@ -60,7 +60,8 @@ fn portrait(x: f64, y: f64) -> f64 {
     let hill = |height: f64, u: f64, v: f64, width: f64, length: f64| {
         height * (-((x - u) / width).powi(2) - ((y - v) / length).powi(2)).exp()
     };
-    let face = hill(0.9, 0.5, 0.42, 0.20, 0.28) - hill(0.35, 0.43, 0.36, 0.045, 0.025)
+    let face = hill(0.9, 0.5, 0.42, 0.20, 0.28)
+        - hill(0.35, 0.43, 0.36, 0.045, 0.025)
         - hill(0.35, 0.57, 0.36, 0.045, 0.025)
         + hill(0.25, 0.5, 0.46, 0.03, 0.08)
         - hill(0.3, 0.5, 0.56, 0.08, 0.02);
@@ -72,10 +73,13 @@ fn portrait(x: f64, y: f64) -> f64 {
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let asked = |name: &str, names: &[&str]| {
-        arguments.iter().all(|a| !names.contains(&a.as_str())) || arguments.iter().any(|a| a == name)
+        arguments.iter().all(|a| !names.contains(&a.as_str()))
+            || arguments.iter().any(|a| a == name)
     };
     let names: Vec<&str> = TARGETS.iter().map(|target| target.0).collect();
-    println!("process          target     layers  controls  pixel %  straight %  free %  free/straight  time s");
+    println!(
+        "process          target     layers  controls  pixel %  straight %  free %  free/straight  time s"
+    );
     for (process, kind, size, pixel_um, base_um, depth_um) in [
         ("laser-graphite", "laser", 300, 5.0, 8.0, 32.0),
         ("waterjet-garnet", "waterjet", 160, 50.0, 60.0, 160.0),

@@ -1,7 +1,7 @@
 //! The Abel pair between a trench and the footprint that cut it.
 
-use crate::{FootprintTable, MillingError};
 use crate::error::check_option;
+use crate::{FootprintTable, MillingError};
 
 /// Parts of the integral of the inversion.
 const PARTS: usize = 400;
@@ -88,10 +88,9 @@ mod tests {
 
     #[test]
     fn a_trench_gives_back_the_footprint_that_cut_it() {
-        for footprint in [
-            Footprint::compact(4e4, 250.0).unwrap(),
-            Footprint::gaussian(7e4, 22.5).unwrap(),
-        ] {
+        for footprint in
+            [Footprint::compact(4e4, 250.0).unwrap(), Footprint::gaussian(7e4, 22.5).unwrap()]
+        {
             let spacing = footprint.reach_um() / 100.0;
             let depths: Vec<f64> =
                 (0..100).map(|k| trench_um(&footprint, f64::from(k) * spacing, 60.0)).collect();

@@ -1,7 +1,7 @@
 //! Paths of the beam: nearly straight passes with the controls of the paper (equation 4.1).
 
-use crate::{MillingError, RemovalLaw};
 use crate::error::check_option;
+use crate::{MillingError, RemovalLaw};
 
 /// Most control points of a path.
 pub const MAX_CONTROL_POINTS: usize = 1 << 24;

@@ -94,8 +94,7 @@ impl BeamWindow {
         column: usize,
         scratch: &mut Scratch,
     ) {
-        for (k, (square, axis)) in
-            scratch.squares_um2.iter_mut().zip(&mut scratch.axes).enumerate()
+        for (k, (square, axis)) in scratch.squares_um2.iter_mut().zip(&mut scratch.axes).enumerate()
         {
             let distance_um = self.grid.x_um(column + k) - step.x_um;
             *square = distance_um * distance_um;

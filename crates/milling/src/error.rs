@@ -169,6 +169,44 @@ pub enum MillingError {
         /// The names there are.
         accepted: String,
     },
+    /// Trenches that do not determine a process.
+    #[error("the trenches cannot be fitted ({reason}): measure more or other trenches")]
+    Calibration {
+        /// What is missing.
+        reason: String,
+    },
+    /// A trench file cannot be read.
+    #[error("line {line}: {reason}")]
+    TrenchFile {
+        /// Number of the line.
+        line: usize,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A file whose name does not say which heights it holds.
+    #[error("{name} must end in one of .npy, .asc, .dem, .png, .stl")]
+    HeightFormat {
+        /// The name.
+        name: String,
+    },
+    /// A file of heights that cannot be read.
+    #[error("the {format} file cannot be read: {reason}")]
+    HeightFile {
+        /// Which kind of file it should be.
+        format: &'static str,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A height that is not finite.
+    #[error("the height at row {row}, column {column} is {value}: heights must be finite")]
+    HeightValue {
+        /// Row of the cell.
+        row: usize,
+        /// Column of the cell.
+        column: usize,
+        /// The value there.
+        value: f64,
+    },
 }
 
 /// Checks `value` of the option `name`.

@@ -106,8 +106,8 @@ pub(crate) fn apply_tangent<R: Radial>(
         for ((cell, square), axis) in cells.iter_mut().zip(&scratch.squares_um2).zip(&scratch.axes)
         {
             let (rate, slope) = radial.rate_and_slope(square_y + square, *axis, axis_y);
-            *cell += direction.dose_s * rate
-                - 2.0 * step.dose_s * direction.y_um * slope * distance_um;
+            *cell +=
+                direction.dose_s * rate - 2.0 * step.dose_s * direction.y_um * slope * distance_um;
         }
     }
 }

@@ -177,9 +177,8 @@ impl Radial for PreparedGaussian {
 
     #[inline(always)]
     fn rate(&self, square_um2: f64, axis_x: f64, axis_y: f64) -> f64 {
-        let inside = axis_x * axis_y
-            - self.end_rate
-            - self.end_slope * (square_um2 - self.last_um2);
+        let inside =
+            axis_x * axis_y - self.end_rate - self.end_slope * (square_um2 - self.last_um2);
         if square_um2 < self.last_um2 { self.scale * inside } else { 0.0 }
     }
 

@@ -85,11 +85,7 @@ impl Grid {
     }
 
     /// Checks that `values` has an entry for each cell.
-    pub(crate) fn check_len(
-        &self,
-        name: &'static str,
-        values: &[f64],
-    ) -> Result<(), MillingError> {
+    pub(crate) fn check_len(&self, name: &'static str, values: &[f64]) -> Result<(), MillingError> {
         if values.len() == self.len() {
             return Ok(());
         }

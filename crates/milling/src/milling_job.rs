@@ -1,9 +1,7 @@
 //! A target, a process and the raster that covers it.
 
 use crate::error::check_option;
-use crate::{
-    BeamPath, DepthMap, Grid, MillingError, Objective, Profile, RasterLayout, Simulator,
-};
+use crate::{BeamPath, DepthMap, Grid, MillingError, Objective, Profile, RasterLayout, Simulator};
 
 /// Most layers of a job.
 pub const MAX_LAYERS: usize = 100;
@@ -88,8 +86,7 @@ impl MillingJob {
         let (rows, columns) = (margin..margin + inner.rows, margin..margin + inner.columns);
         let objective = Objective::new(grid, target_um, rows, columns)?;
         let (_, longest) = profile.dwell_range_s_mm();
-        let substeps =
-            Simulator::stable_substeps(&profile.process, cell_um, spacing_um, longest);
+        let substeps = Simulator::stable_substeps(&profile.process, cell_um, spacing_um, longest);
         // Free passes are longer than straight ones.
         let simulator = Simulator::new(grid, &profile.process, substeps)?;
         Ok(Self { profile, target, objective, simulator, layers, layout })
@@ -313,7 +310,9 @@ mod tests {
         let target = DepthMap::new(30, 40, 5.0, depths).unwrap();
         match MillingJob::new(&target, laser(), JobOptions { layers: Some(2) }).unwrap_err() {
             MillingError::TooDeep { row: 7, column: 9, layers: 2, needed, .. } => {
-                assert!(MillingJob::new(&target, laser(), JobOptions { layers: Some(needed) }).is_ok());
+                assert!(
+                    MillingJob::new(&target, laser(), JobOptions { layers: Some(needed) }).is_ok()
+                );
             }
             other => panic!("{other}"),
         }

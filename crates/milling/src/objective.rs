@@ -41,9 +41,10 @@ impl Objective {
         columns: Range<usize>,
     ) -> Result<Self, MillingError> {
         grid.check_len("target_um", &target_um)?;
-        for (name, range, length) in
-            [("rows of the window", &rows, grid.rows), ("columns of the window", &columns, grid.columns)]
-        {
+        for (name, range, length) in [
+            ("rows of the window", &rows, grid.rows),
+            ("columns of the window", &columns, grid.columns),
+        ] {
             if range.is_empty() || range.end > length {
                 let actual = range.end;
                 return Err(MillingError::WrongLength { name, actual, expected: length });
@@ -91,8 +92,7 @@ impl Objective {
     }
 
     pub(crate) fn value_of(&self, depth_um: &[f64]) -> f64 {
-        let sum: f64 =
-            self.pairs(depth_um).map(|(depth, target)| (depth - target).powi(2)).sum();
+        let sum: f64 = self.pairs(depth_um).map(|(depth, target)| (depth - target).powi(2)).sum();
         0.5 * self.grid.cell_area_um2() * sum
     }
 

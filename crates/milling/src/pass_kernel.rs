@@ -141,8 +141,7 @@ impl PassWork for Transpose<'_> {
         let taped = steps.iter().zip(tape.chunks_exact_mut(cells)).zip(gradients).rev();
         for ((step, cells), gradient) in taped {
             let tape = StepTape::new(cells, side);
-            *gradient =
-                sloped_step::apply_transpose(window, radial, step, &tape, adjoint, scratch);
+            *gradient = sloped_step::apply_transpose(window, radial, step, &tape, adjoint, scratch);
         }
     }
 }

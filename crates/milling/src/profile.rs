@@ -54,6 +54,12 @@ impl Profile {
         SHIPPED.map(|(name, _)| name)
     }
 
+    /// Name and TOML text of each shipped profile.
+    #[must_use]
+    pub fn shipped_texts() -> [(&'static str, &'static str); 2] {
+        SHIPPED
+    }
+
     /// Reads a profile; unknown keys are errors.
     ///
     /// # Errors
@@ -63,8 +69,9 @@ impl Profile {
             let reason = format!("it has {} bytes, more than {MAX_PROFILE_BYTES}", text.len());
             return Err(MillingError::Profile { reason });
         }
-        let file: ProfileFile = toml::from_str(text)
-            .map_err(|error| MillingError::Profile { reason: error.to_string().trim().to_owned() })?;
+        let file: ProfileFile = toml::from_str(text).map_err(|error| MillingError::Profile {
+            reason: error.to_string().trim().to_owned(),
+        })?;
         let profile = Self {
             name: file.name,
             process: Process { footprint: file.footprint.build()?, law: file.law.build() },

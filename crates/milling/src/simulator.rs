@@ -121,8 +121,7 @@ impl Simulator {
         let longest = path.dwell_s_mm.iter().copied().fold(0.0, f64::max);
         let process = Process { footprint: self.kernel.footprint.clone(), law: self.law };
         let (cell_um, spacing_um) = (self.grid.cell_um, path.spacing_um);
-        let courant =
-            courant(&process, cell_um, spacing_um, longest) / self.substeps as f64;
+        let courant = courant(&process, cell_um, spacing_um, longest) / self.substeps as f64;
         if courant <= MAX_COURANT * (1.0 + 1e-9) {
             return Ok(());
         }
@@ -233,9 +232,7 @@ impl Simulator {
     ) -> Result<Vec<f64>, MillingError> {
         self.check(path, start_um)?;
         let expected = path.y_um.len();
-        for (name, values) in
-            [("dwell_s_mm", &direction.dwell_s_mm), ("y_um", &direction.y_um)]
-        {
+        for (name, values) in [("dwell_s_mm", &direction.dwell_s_mm), ("y_um", &direction.y_um)] {
             if values.len() != expected {
                 let actual = values.len();
                 return Err(MillingError::WrongLength { name, actual, expected });
@@ -336,7 +333,8 @@ impl Simulator {
     /// The cells of the rows that the steps change.
     fn cells_touched(&self, steps: &[BeamStep]) -> Range<usize> {
         let rows = steps.iter().map(|step| self.kernel.window.corner(step).0);
-        let (low, high) = rows.fold((usize::MAX, 0), |(low, high), row| (low.min(row), high.max(row)));
+        let (low, high) =
+            rows.fold((usize::MAX, 0), |(low, high), row| (low.min(row), high.max(row)));
         if low == usize::MAX {
             return 0..0;
         }

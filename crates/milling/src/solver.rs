@@ -52,7 +52,12 @@ impl SolveOptions {
         count("free_iterations", self.free_iterations, 0..=10_000, "at most 10 000")?;
         let ok = self.free_range > 0.0 && self.free_range <= 0.5;
         check_option("free_range", self.free_range, ok, "in (0, 0.5]")?;
-        check_option("least_fall", self.least_fall, (0.0..1.0).contains(&self.least_fall), "in [0, 1)")
+        check_option(
+            "least_fall",
+            self.least_fall,
+            (0.0..1.0).contains(&self.least_fall),
+            "in [0, 1)",
+        )
     }
 }
 
@@ -223,16 +228,17 @@ impl Run<'_> {
         let done = self.convergence.last().map_or(0.0, |last| last.fraction);
         let share = self.share(iterations);
         let (convergence, progress) = (&mut self.convergence, &mut self.progress);
-        let flow = minimise(&mut controls, &mut x, &lower, &upper, rule, &mut |iteration, value| {
-            let now = SolveProgress {
-                stage,
-                fraction: (done + share * iteration as f64 / iterations as f64).min(1.0),
-                objective: value * scale,
-                error_percent: latest.get(),
-            };
-            convergence.push(now);
-            progress(&now)
-        })?;
+        let flow =
+            minimise(&mut controls, &mut x, &lower, &upper, rule, &mut |iteration, value| {
+                let now = SolveProgress {
+                    stage,
+                    fraction: (done + share * iteration as f64 / iterations as f64).min(1.0),
+                    objective: value * scale,
+                    error_percent: latest.get(),
+                };
+                convergence.push(now);
+                progress(&now)
+            })?;
         if let Some(last) = self.convergence.last_mut() {
             last.fraction = (done + share).min(1.0);
         }
@@ -304,8 +310,7 @@ impl<'a> Controls<'a> {
         let (least, most) = profile.dwell_range_s_mm();
         let dose = |dwell: f64| law.dose_s_mm(dwell) / self.dose_unit;
         let count = self.points.len();
-        let mut x: Vec<f64> =
-            self.points.iter().map(|&k| dose(self.path.dwell_s_mm[k])).collect();
+        let mut x: Vec<f64> = self.points.iter().map(|&k| dose(self.path.dwell_s_mm[k])).collect();
         let (mut lower, mut upper) = (vec![dose(least); count], vec![dose(most); count]);
         if self.free {
             let reach_um = profile.process.footprint.reach_um();

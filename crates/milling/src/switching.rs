@@ -39,7 +39,8 @@ pub(crate) fn switch_beam(
         })
         .collect();
     let reach = (job.profile().process.footprint.reach_um() / path.spacing_um).ceil() as usize;
-    let rows = (job.profile().process.footprint.reach_um() / job.profile().pitch_um).ceil() as usize;
+    let rows =
+        (job.profile().process.footprint.reach_um() / job.profile().pitch_um).ceil() as usize;
     let per_layer = job.layout().passes;
     let mut switched = Vec::new();
     for (k, &gain) in gains.iter().enumerate().filter(|(_, gain)| **gain > 0.0) {

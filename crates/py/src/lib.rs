@@ -9,6 +9,7 @@ mod cma_es;
 mod drawings;
 mod environment;
 mod errors;
+mod milling;
 mod pictures;
 mod planners;
 mod policy;
@@ -28,6 +29,10 @@ mod _native {
     use crate::drawings::{load_drawing, target_png};
     #[pymodule_export]
     use crate::environment::NativeEnvironment;
+    #[pymodule_export]
+    use crate::milling::{
+        NativeMillingJob, calibrate_trenches, depths_of_heights, read_heights, shipped_profiles,
+    };
     #[pymodule_export]
     use crate::pictures::NativeTrajectoryPicture;
     #[pymodule_export]

@@ -16,6 +16,7 @@ from lasergym.cli.demo import demo
 from lasergym.cli.envs import envs
 from lasergym.cli.evaluate import evaluate
 from lasergym.cli.hints import hint_for
+from lasergym.cli.mill import mill
 from lasergym.cli.output import report_error
 from lasergym.cli.plan import plan
 from lasergym.cli.train import train
@@ -36,7 +37,7 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (plan, envs, bench, compare, train, evaluate, demo):
+for _command in (plan, mill, envs, bench, compare, train, evaluate, demo):
     app.command(_command.__name__)(_command)
 
 
