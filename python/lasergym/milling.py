@@ -68,7 +68,7 @@ class Passes:
 
     @property
     def x_um(self) -> NDArray[np.float64]:
-        """x of the points of every pass, µm; shape (points,)."""
+        """Where the points of every pass lie along x, µm; shape (points,)."""
         return self.first_x_um + self.spacing_um * np.arange(self.y_um.shape[1])
 
     @property
@@ -237,14 +237,14 @@ def solve(
             reserve of a quarter.
         iterations: Most iterations on the dwell of straight passes.
         switching_rounds: Rounds of switching the beam on or off where that helps.
-        free_iterations: Most iterations in which passes may leave their lines; 0 keeps them straight.
+        free_iterations: Most iterations in which passes may leave their lines; 0: straight.
         free_range: How far they may, as a part of the pitch, in (0, 0.5].
         least_fall: Stop when five iterations in a row lower the objective by less than this part.
         progress: Called after each iteration; returning True stops the solver.
 
     Returns:
-        The passes and what they are predicted to leave. After Ctrl-C, or when ``progress`` stops the
-        solver, the best so far, with ``partial`` set.
+        The passes and what they are predicted to leave. After Ctrl-C, or when ``progress`` stops
+        the solver, the best so far, with ``partial`` set.
 
     Raises:
         DepthMapError: The target has a value that is no depth or out of the machine's reach; the
@@ -305,10 +305,13 @@ def simulate(
     Args:
         passes: The passes, with the first x and spacing that :func:`solve` gives them; None for the
             pixel-by-pixel passes of the target.
-        target_um, pixel_um, process, layers: As for :func:`solve`.
+        target_um: Depth of each pixel, µm; shape (rows, columns).
+        pixel_um: Side of a pixel, µm.
+        process: Name of a shipped profile or of a TOML file.
+        layers: Number of layers, for the pixel-by-pixel passes.
 
     Raises:
-        MillingError: The passes come too near to the edge of the simulated ground, or are not usable.
+        MillingError: The passes leave the simulated ground, or are not usable.
         DepthMapError, EmptyTargetError, OptionError: As for :func:`solve`.
     """
     job = _native.MillingJob(_depth_array(target_um), pixel_um, profile_text(process), layers)

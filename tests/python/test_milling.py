@@ -156,9 +156,7 @@ def test_heights_are_read_from_files(tmp_path: Path) -> None:
 
 def test_heights_become_depths() -> None:
     heights = [[0.0, 1.0], [2.0, 4.0]]
-    np.testing.assert_allclose(
-        milling.depths(heights, depth_um=8, base_um=1), [[9, 7], [5, 1]]
-    )
+    np.testing.assert_allclose(milling.depths(heights, depth_um=8, base_um=1), [[9, 7], [5, 1]])
     np.testing.assert_allclose(
         milling.depths(heights, depth_um=8, scale="high-sinks"), [[0, 2], [4, 8]]
     )

@@ -240,11 +240,11 @@ pub(crate) fn shipped_profiles() -> Vec<(&'static str, &'static str)> {
 pub(crate) fn read_heights<'py>(
     py: Python<'py>,
     name: &str,
-    bytes: &[u8],
+    content: &[u8],
     pixel_um: f64,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let format = HeightFormat::of_name(name).map_err(milling_error)?;
-    let map = py.detach(|| HeightMap::read(bytes, format, pixel_um)).map_err(milling_error)?;
+    let map = py.detach(|| HeightMap::read(content, format, pixel_um)).map_err(milling_error)?;
     array(py, map.columns, map.heights)
 }
 

@@ -83,7 +83,7 @@ def mill(
     if output is not None and output.exists() and not output.is_dir():
         raise OptionError(f"output is {output}, which is a file: give the name of a folder")
     if (pixel_um is None) == (width_mm is None):
-        raise OptionError("give either --pixel-um or --width-mm: the size of the target on the part")
+        raise OptionError("give either --pixel-um or --width-mm: the size on the workpiece")
     if width_mm is not None and target.suffix.lower() == ".stl":
         raise OptionError("an STL has its own size: give --pixel-um, not --width-mm")
     heights = milling.load_heights(target, pixel_um=pixel_um or 1.0)
@@ -137,7 +137,8 @@ def write_job(folder: Path, result: MillingResult, report: dict[str, Any], *, po
     drawn = draw_figures(folder, result)
     text = json.dumps(report, indent=2) + "\n"
     (folder / "report.json").write_text(text, encoding="utf-8")
-    for name in ("passes.csv", "passes.nc", "surface_um.npy", "error_um.npy", *drawn, "report.json"):
+    written = ("passes.csv", "passes.nc", "surface_um.npy", "error_um.npy", *drawn, "report.json")
+    for name in written:
         note(f"wrote {folder / name}")
     if not drawn:
         note("no pictures: pip install 'lasergym[plots]'")
