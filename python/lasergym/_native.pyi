@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,15 @@ __all__ = [
     "Batch",
     "CmaEs",
     "Environment",
+    "MillingJob",
     "Policy",
     "Rig",
     "Teacher",
     "TrajectoryPicture",
     "calibrate",
     "calibrate_simulator",
+    "calibrate_trenches",
+    "depths_of_heights",
     "disturbed_job",
     "gif",
     "load_drawing",
@@ -25,9 +28,11 @@ __all__ = [
     "random_shape_areas",
     "read_csv",
     "read_gcode",
+    "read_heights",
     "run_machine",
     "score",
     "shipped_policy",
+    "shipped_profiles",
     "shortest_order",
     "simulator_options",
     "star",
@@ -145,6 +150,51 @@ class CmaEs:
     def mean(self) -> NDArray[np.float64]: ...
     def termination(self) -> tuple[str, str] | None: ...
 
+_Controls: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]
+
+@final
+class MillingJob:
+    def __new__(
+        cls, depth_um: NDArray[np.float64], pixel_um: float, profile: str, layers: int | None
+    ) -> MillingJob: ...
+    def layout(self) -> tuple[int, float, float, float, int]: ...
+    def speeds_mm_s(self) -> tuple[float, float]: ...
+    def target_um(self) -> NDArray[np.float64]: ...
+    def pixel_by_pixel(self) -> _Controls: ...
+    def simulate(
+        self,
+        y_um: NDArray[np.float64],
+        dwell_s_mm: NDArray[np.float64],
+        beam_on: NDArray[np.bool_],
+    ) -> tuple[NDArray[np.float64], tuple[float, float, float]]: ...
+    def solve(
+        self,
+        settings: dict[str, Any],
+        progress: Callable[[float, float], bool | None] | None,
+    ) -> tuple[
+        _Controls,
+        NDArray[np.float64],
+        tuple[float, float, float],
+        float,
+        float,
+        list[tuple[bool, float, float]],
+        bool,
+    ]: ...
+    def times_s(
+        self,
+        y_um: NDArray[np.float64],
+        dwell_s_mm: NDArray[np.float64],
+        beam_on: NDArray[np.bool_],
+    ) -> tuple[float, float]: ...
+    def programs(
+        self,
+        y_um: NDArray[np.float64],
+        dwell_s_mm: NDArray[np.float64],
+        beam_on: NDArray[np.bool_],
+        power_s: float,
+        origin_mm: tuple[float, float],
+    ) -> tuple[str, str]: ...
+
 @final
 class TrajectoryPicture:
     def __new__(
@@ -178,6 +228,12 @@ def disturbed_job(
     seed: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float, float, int]]: ...
 def gif(pictures: NDArray[np.uint8], delay_s: float) -> bytes: ...
+def calibrate_trenches(
+    trenches: str, profile: str
+) -> tuple[list[tuple[str, float, float]], float]: ...
+def depths_of_heights(
+    heights: NDArray[np.float64], scale: str, depth_um: float, base_um: float
+) -> NDArray[np.float64]: ...
 def load_drawing(
     path: Path, margin_px: float, threshold: float, ink: str, invert: bool, fit: str
 ) -> NDArray[np.bool_]: ...
@@ -197,10 +253,12 @@ def run_machine(
     drivers: tuple[Any, Any, Any] | None,
     progress: Callable[[dict[str, Any]], bool | None] | None,
 ) -> str: ...
+def shipped_policy(name: str) -> bytes: ...
+def read_heights(name: str, content: bytes, pixel_um: float) -> NDArray[np.float64]: ...
 def score(
     target: NDArray[np.bool_], xy_px: NDArray[np.float64], pulse_radius_px: float
 ) -> tuple[float, float, float, int]: ...
-def shipped_policy(name: str) -> bytes: ...
+def shipped_profiles() -> list[tuple[str, str]]: ...
 def shortest_order(
     xy_px: NDArray[np.float64], start_px: tuple[float, float] | None
 ) -> NDArray[np.int64]: ...

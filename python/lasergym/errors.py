@@ -175,3 +175,11 @@ class JobFailedError(LasergymError, RuntimeError):
 
 class CalibrationError(LasergymError, ValueError):
     """The camera's view of the workpiece is not known well enough."""
+
+
+class MillingError(LasergymError, ValueError):
+    """A milling job, its passes, profile or trenches cannot be used."""
+
+
+class DepthMapError(MillingError):
+    """A depth map cannot be read or milled."""

@@ -13,6 +13,7 @@ mod errors;
 mod machine;
 mod machine_drivers;
 mod machine_rig;
+mod milling;
 mod pictures;
 mod planners;
 mod policy;
@@ -38,6 +39,10 @@ mod _native {
     use crate::machine::{calibrate, run_machine};
     #[pymodule_export]
     use crate::machine_rig::{NativeRig, calibrate_simulator, simulator_options};
+    #[pymodule_export]
+    use crate::milling::{
+        NativeMillingJob, calibrate_trenches, depths_of_heights, read_heights, shipped_profiles,
+    };
     #[pymodule_export]
     use crate::pictures::{NativeTrajectoryPicture, gif};
     #[pymodule_export]

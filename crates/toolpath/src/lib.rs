@@ -11,6 +11,7 @@ mod bitmap_outline;
 mod color_ramp;
 mod csv;
 mod disc_union;
+mod dwell_passes;
 mod error;
 mod gcode_reader;
 mod gcode_words;
@@ -21,6 +22,10 @@ mod stage_dynamics;
 mod workpiece_frame;
 
 pub use csv::{CSV_HEADER, read_csv, write_csv};
+pub use dwell_passes::{
+    DwellPass, DwellPoint, PASSES_CSV_HEADER, PassGcodeOptions, write_passes_csv,
+    write_passes_gcode,
+};
 pub use error::ToolpathError;
 pub use gcode_reader::read_gcode;
 pub use gcode_writer::{GcodeOptions, TravelMove, write_gcode};

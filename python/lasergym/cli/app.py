@@ -20,6 +20,7 @@ from lasergym.cli.evaluate import evaluate
 from lasergym.cli.export import export
 from lasergym.cli.hints import hint_for
 from lasergym.cli.machine import machine
+from lasergym.cli.mill import mill
 from lasergym.cli.output import report_error
 from lasergym.cli.plan import plan
 from lasergym.cli.train import train
@@ -40,7 +41,20 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (plan, machine, envs, bench, compare, disturb, train, evaluate, export, demo):
+_COMMANDS = (
+    plan,
+    machine,
+    mill,
+    envs,
+    bench,
+    compare,
+    disturb,
+    train,
+    evaluate,
+    export,
+    demo,
+)
+for _command in _COMMANDS:
     app.command(_command.__name__)(_command)
 
 

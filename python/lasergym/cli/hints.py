@@ -18,6 +18,8 @@ _HINTS: dict[type[errors.LasergymError], str] = {
     errors.MissingFontError: "turn the text into paths",
     errors.EmptyTargetError: "try --invert, --ink alpha or a lower --threshold",
     errors.FullTargetError: "try --invert, a higher --threshold or a --margin-px",
+    errors.DepthMapError: "give depths within reach: see --depth-um, --base-um and --layers",
+    errors.MillingError: "check the size of the target against the beam of the process",
     errors.OptionError: "--help lists the options and their ranges",
     errors.ThreadsError: "ask for fewer threads",
     errors.JobError: "give a new folder with -o, or the folder of a job with --resume",
