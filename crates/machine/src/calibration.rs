@@ -420,7 +420,7 @@ mod tests {
         /// A fit to exact pairs is the map they come from, forth and back and through JSON.
         #[test]
         fn exact_pairs_give_their_map(
-            scale in 1.0..10.0,
+            scale in 1.0_f64..10.0,
             angle_rad in -3.0..3.0,
             shear in -0.2..0.2,
             (x, y) in (-300.0..300.0, -300.0..300.0),
