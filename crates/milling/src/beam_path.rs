@@ -127,7 +127,7 @@ impl BeamPath {
             let (pass, point) = (index / self.points, index % self.points);
             Err(MillingError::Control { name, pass, point, value, expected })
         };
-        if let Some(k) = self.y_um.iter().position(|y| !(y.abs() <= 1e9)) {
+        if let Some(k) = self.y_um.iter().position(|y| y.is_nan() || y.abs() > 1e9) {
             return bad("y_um", k, self.y_um[k], "finite and within ±1e9 µm");
         }
         if let Some(k) = self.dwell_s_mm.iter().position(|&d| !(d > 0.0 && d <= 1e9)) {
@@ -182,7 +182,7 @@ impl BeamPath {
             if counts(on) {
                 let first = k / (self.points - 1) * self.points + k % (self.points - 1);
                 let rise = self.y_um[first + 1] - self.y_um[first];
-                let dwell = (self.dwell_s_mm[first] + self.dwell_s_mm[first + 1]) / 2.0;
+                let dwell = self.dwell_s_mm[first].midpoint(self.dwell_s_mm[first + 1]);
                 sum += self.spacing_um.hypot(rise) * 1e-3 * dwell;
             }
         }

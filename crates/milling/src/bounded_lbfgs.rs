@@ -146,7 +146,9 @@ fn search_direction(gradient: &[f64], held: &[bool], pairs: &VecDeque<Pair>) -> 
     }
     if let Some(pair) = pairs.back() {
         let scale = pair.curvature / dot(&pair.change, &pair.change);
-        direction.iter_mut().for_each(|value| *value *= scale);
+        for value in &mut direction {
+            *value *= scale;
+        }
     }
     for (pair, weight) in pairs.iter().zip(weights.iter().rev()) {
         let back = dot(&pair.change, &direction) / pair.curvature;

@@ -12,7 +12,7 @@ pub const MAX_HEIGHT_FILE_BYTES: usize = 512 << 20;
 /// Kinds of files that hold heights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HeightFormat {
-    /// `.npy`: a two-dimensional NumPy array of numbers.
+    /// `.npy`: a two-dimensional `NumPy` array of numbers.
     Npy,
     /// `.asc` or `.dem`: an ESRI ASCII grid. Cells without data count as the lowest.
     Asc,

@@ -1,4 +1,4 @@
-//! NumPy arrays as height maps.
+//! `NumPy` arrays as height maps.
 
 use crate::MillingError;
 use crate::height_map::{HeightFormat, HeightMap, check_size};

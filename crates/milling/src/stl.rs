@@ -28,7 +28,7 @@ pub(crate) fn read_stl(bytes: &[u8], pixel_um: f64) -> Result<HeightMap, Milling
     let mut high = [f64::NEG_INFINITY; 3];
     for corner in triangles.iter().flatten() {
         for axis in 0..3 {
-            if !(corner[axis].abs() <= 1e6) {
+            if corner[axis].is_nan() || corner[axis].abs() > 1e6 {
                 return FORMAT.broken("a corner is not within ±1e6 mm");
             }
             low[axis] = low[axis].min(corner[axis]);

@@ -31,7 +31,9 @@ fn trenches(process: &Process, speeds: &[f64], noise_um: f64) -> Vec<Trench> {
         .iter()
         .map(|&speed_mm_s| {
             let mut depth_um = trench_depths_um(process, speed_mm_s, &y_um).unwrap();
-            depth_um.iter_mut().for_each(|depth| *depth += noise_um * noise.next());
+            for depth in &mut depth_um {
+                *depth += noise_um * noise.next();
+            }
             // Nobody knows where exactly the centre is.
             let y_um = y_um.iter().map(|y| y + 0.03 * reach).collect();
             Trench { speed_mm_s, y_um, depth_um }
