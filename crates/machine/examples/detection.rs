@@ -23,7 +23,7 @@ use lasergym_geom::{Bitmap, Point};
 use lasergym_machine::simulator::{IMAGING_POSITION_UM, Preset, Rig, TrueMark};
 use lasergym_machine::vision::{Vision, VisionOptions};
 use lasergym_machine::{
-    CalibrationOptions, CalibrationRun, Camera, CameraCalibration, Frame, Laser, Observation,
+    CalibrationOptions, CalibrationRun, Camera, CameraCalibration, Frame, Laser, Mark, Observation,
     Observer, Stage, Verdict,
 };
 use lasergym_plan::{Greedy, Job, Planner};
@@ -109,12 +109,12 @@ fn run_job(
         laser.fire()?;
         stage.move_to(IMAGING_POSITION_UM)?;
         let mut after = camera.frame()?;
-        let first_look = after.clone();
+        let first_look = (after.clone(), rig.frame_displacement_um());
         let mut looks = 1;
         let observation = loop {
-            let start = Instant::now();
+            let start = OnCore::now();
             let observation = vision.observe(&before, &after, position)?;
-            figures.times_s.push(start.elapsed().as_secs_f64());
+            figures.times_s.push(start.elapsed_s());
             if observation.verdict != Verdict::Uncertain || looks == MAX_LOOKS {
                 break observation;
             }
@@ -128,12 +128,37 @@ fn run_job(
             .collect();
         marks_before = marks.len();
         if let Some(dump) = &mut figures.dump {
-            dump.write(&before, &first_look, calibration, &truths)?;
+            dump.write(&before, &first_look.0, first_look.1, &rig.true_calibration(), &truths)?;
         }
         figures.judge(&truths, &observation, looks);
         before = after;
     }
     Ok(())
+}
+
+/// A moment in the time that this thread has run: what other programs take does not count, where
+/// the system tells (Linux). Elsewhere a moment of the clock.
+struct OnCore {
+    ran_ns: Option<u64>,
+    at: Instant,
+}
+
+impl OnCore {
+    fn now() -> Self {
+        // The system counts up to the last time that it looked at this thread.
+        std::thread::yield_now();
+        let ran_ns = fs::read_to_string("/proc/thread-self/schedstat")
+            .ok()
+            .and_then(|text| text.split(' ').next()?.parse().ok());
+        Self { ran_ns, at: Instant::now() }
+    }
+
+    fn elapsed_s(&self) -> f64 {
+        match (self.ran_ns, Self::now().ran_ns) {
+            (Some(start), Some(end)) => (end - start) as f64 * 1e-9,
+            _ => self.at.elapsed().as_secs_f64(),
+        }
+    }
 }
 
 /// Machines a mark and tells how many pixels are new.
@@ -214,7 +239,12 @@ impl Figures {
         }
         self.must_see += truths.iter().filter(|truth| truth.new_px >= MUST_SEE_PX).count();
         self.slight += truths.iter().filter(|truth| truth.new_px < MUST_SEE_PX).count();
-        self.missed += free.iter().filter(|truth| truth.new_px >= MUST_SEE_PX).count();
+        let unseen = |truth: &&Truth| {
+            let near = |mark: &Mark| truth.center_px().distance(mark.center_px) <= SAME_MARK_PX;
+            truth.new_px >= MUST_SEE_PX
+                && !(observation.verdict == Verdict::Seen && observation.marks.iter().any(near))
+        };
+        self.missed += truths.iter().filter(unseen).count();
     }
 
     fn print(mut self) {
@@ -254,7 +284,7 @@ impl Figures {
             self.slight
         );
         println!(
-            "time for a pair   {:.3} ms (median), {:.3} ms (99 %)",
+            "time for a pair   {:.3} ms (median), {:.3} ms (99 %) on one core",
             time_ms(0.5),
             time_ms(0.99)
         );
@@ -277,11 +307,13 @@ impl Dump {
         Ok(Self { folder: folder.to_owned(), truth, left: pairs, written: 0 })
     }
 
-    /// Writes a pair and the marks that were made between, where the reference frame shows them.
+    /// Writes a pair and the marks that were made between, where the frame after them shows them.
+    /// `displacement_um` is how far the stage was from the imaging position for it.
     fn write(
         &mut self,
         before: &Frame,
         after: &Frame,
+        displacement_um: Point,
         calibration: &CameraCalibration,
         truths: &[Truth],
     ) -> Result<(), Box<dyn Error>> {
@@ -298,7 +330,7 @@ impl Dump {
         }
         let scale = calibration.scale_frame_px_per_um();
         for truth in truths {
-            let center = calibration.frame_px(truth.center_px());
+            let center = calibration.frame_px(truth.mark.center_px() - displacement_um);
             let radius = truth.mark.radius_px * scale;
             writeln!(
                 self.truth,

@@ -420,9 +420,9 @@ mod tests {
         /// A fit to exact pairs is the map they come from, forth and back and through JSON.
         #[test]
         fn exact_pairs_give_their_map(
-            scale in 1.0_f64..10.0,
-            angle_rad in -3.0..3.0,
-            shear in -0.2..0.2,
+            scale in 1.0..10.0_f64,
+            angle_rad in -3.0..3.0_f64,
+            shear in -0.2..0.2_f64,
             (x, y) in (-300.0..300.0, -300.0..300.0),
         ) {
             let (sin, cos) = f64::sin_cos(angle_rad);

@@ -8,6 +8,9 @@ use crate::{
     Observer, Stage, Verdict,
 };
 
+/// Pulses this many times farther off than the median are strays.
+const STRAY: f64 = 4.0;
+
 /// How test pulses are fired and looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CalibrationRun {
@@ -44,7 +47,8 @@ impl CalibrationRun {
     }
 
     /// Fires the test pulses on a spare piece of ground and fits the map to their marks. A pulse
-    /// whose mark is not seen for sure is left out. The laser is disarmed at the end and on every
+    /// whose mark is not seen for sure, or lies far from where all others say it should, is left
+    /// out. The laser is disarmed at the end and on every
     /// error.
     ///
     /// # Errors
@@ -95,7 +99,7 @@ impl CalibrationRun {
         )?;
         let mut vision = Vision::new(rough.clone(), &before, self.vision)?;
         let mut pairs = Vec::new();
-        let mut shift_sum = Point::default();
+        let mut shifts = vec![Point::default()];
         let count = self.side_pulses * self.side_pulses;
         for position in self.positions() {
             self.go(stage, position)?;
@@ -105,27 +109,53 @@ impl CalibrationRun {
             self.go(stage, self.imaging_um)?;
             let after = camera.frame().map_err(|error| device("camera", &error))?;
             let observation = vision.observe(&before, &after, position)?;
-            shift_sum = shift_sum + observation.shift_px;
             if let (Verdict::Seen, [mark]) = (observation.verdict, observation.marks.as_slice()) {
-                pairs.push((position, mark.center_px));
+                pairs.push((position, mark.center_px, shifts.len()));
             }
+            shifts.push(observation.shift_px);
             before = after;
         }
         let least = self.fit.model.least_pairs().max(count / 2);
         if pairs.len() < least {
             return Err(CalibrationError::TooFewPairs { pairs: pairs.len(), least });
         }
-        // The first frame was taken a little beside the imaging position, as any frame is: their
-        // mean is nearer to it.
-        let shift = shift_sum * (1.0 / (count + 1) as f64);
+        // Marks are found where the first frame shows them. The stage has drifted since, and the
+        // first frame was itself taken a little beside the imaging position.
+        let drift = Line::fit(&shifts);
         let pairs: Vec<CalibrationPair> = pairs
             .into_iter()
-            .map(|(stage_um, center_px)| CalibrationPair {
+            .map(|(stage_um, center_px, time)| CalibrationPair {
                 stage_um,
-                frame_px: rough.frame_px(center_px + shift),
+                frame_px: rough.frame_px(center_px + drift.at(time)),
             })
             .collect();
+        let pairs = self.without_strays(pairs, width_px, height_px)?;
         CameraCalibration::fit(&pairs, width_px, height_px, self.fit)
+    }
+
+    /// Leaves out pulses that a knock has thrown far from where they should be, the farthest first,
+    /// at most a fifth of all.
+    fn without_strays(
+        &self,
+        mut pairs: Vec<CalibrationPair>,
+        width_px: usize,
+        height_px: usize,
+    ) -> Result<Vec<CalibrationPair>, CalibrationError> {
+        let unlimited = CalibrationOptions { max_residual_um: f64::INFINITY, ..self.fit };
+        for _ in 0..pairs.len() / 5 {
+            let map = CameraCalibration::fit(&pairs, width_px, height_px, unlimited)?;
+            let off_um =
+                |pair: &CalibrationPair| map.pattern_px(pair.frame_px).distance(pair.stage_um);
+            let mut all_um: Vec<f64> = pairs.iter().map(off_um).collect();
+            all_um.sort_by(f64::total_cmp);
+            let least_um = STRAY * all_um[all_um.len() / 2];
+            let farthest = (0..pairs.len())
+                .max_by(|&a, &b| off_um(&pairs[a]).total_cmp(&off_um(&pairs[b])))
+                .filter(|&k| off_um(&pairs[k]) > least_um.max(self.fit.max_residual_um));
+            let Some(farthest) = farthest else { break };
+            pairs.remove(farthest);
+        }
+        Ok(pairs)
     }
 
     /// Where test pulses go: row by row.
@@ -144,6 +174,33 @@ impl CalibrationRun {
             stage.move_to(from).map_err(|error| device("stage", &error))?;
         }
         stage.move_to(position).map_err(|error| device("stage", &error))
+    }
+}
+
+/// A shift that grows evenly with time.
+struct Line {
+    start: Point,
+    step: Point,
+}
+
+impl Line {
+    /// The least-squares line through shifts at the times 0, 1, 2, …
+    fn fit(shifts: &[Point]) -> Self {
+        let count = shifts.len() as f64;
+        let middle = 0.5 * (count - 1.0);
+        let (mut mean, mut moment, mut square) = (Point::default(), Point::default(), 0.0);
+        for (time, &shift) in shifts.iter().enumerate() {
+            let time = time as f64 - middle;
+            mean = mean + shift * count.recip();
+            moment = moment + shift * time;
+            square += time * time;
+        }
+        let step = if square > 0.0 { moment * square.recip() } else { Point::default() };
+        Self { start: mean - step * middle, step }
+    }
+
+    fn at(&self, time: usize) -> Point {
+        self.start + self.step * time as f64
     }
 }
 
@@ -222,7 +279,6 @@ mod tests {
         let rig = Rig::new(options, 1).unwrap();
         let run =
             CalibrationRun { imaging_um: Point::new(150.0, 50.0), ..CalibrationRun::new(4.0) };
-        rig.state();
         let mut laser = rig.laser();
         laser.arm().unwrap();
         let found = run.calibrate(&mut rig.stage(), &mut laser, &mut rig.camera());

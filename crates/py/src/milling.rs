@@ -273,14 +273,16 @@ pub(crate) fn depths_of_heights<'py>(
     array(py, columns, depths.depth_um().to_vec())
 }
 
-/// Parameters fitted to trenches: (name, value, half-width of the 95 % interval), and the root mean
-/// square of what is left, µm.
+/// A fitted parameter: name, value and half-width of its 95 % interval.
+type Fitted = (&'static str, f64, f64);
+
+/// Parameters fitted to trenches, and the root mean square of what is left, µm.
 #[pyfunction]
 pub(crate) fn calibrate_trenches(
     py: Python<'_>,
     trenches: &str,
     profile: &str,
-) -> PyResult<(Vec<(&'static str, f64, f64)>, f64)> {
+) -> PyResult<(Vec<Fitted>, f64)> {
     let start = Profile::from_toml(profile).map_err(milling_error)?;
     let trenches = read_trenches(trenches).map_err(milling_error)?;
     let found = py.detach(|| calibrate(&start.process, &trenches)).map_err(milling_error)?;

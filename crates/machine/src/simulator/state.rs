@@ -168,10 +168,10 @@ mod tests {
 
     #[test]
     fn streams_differ_by_seed_event_and_number() {
-        let draw = |seed, event, number| stream_of(seed, event, number).uniform();
-        assert!(draw(1, Event::Pulse, 0) == draw(1, Event::Pulse, 0));
-        assert!(draw(1, Event::Pulse, 0) != draw(1, Event::Pulse, 1));
-        assert!(draw(1, Event::Pulse, 0) != draw(1, Event::Frame, 0));
-        assert!(draw(1, Event::Pulse, 0) != draw(2, Event::Pulse, 0));
+        let draw = |seed, event, number| stream_of(seed, event, number).uniform().to_bits();
+        assert_eq!(draw(1, Event::Pulse, 0), draw(1, Event::Pulse, 0));
+        assert_ne!(draw(1, Event::Pulse, 0), draw(1, Event::Pulse, 1));
+        assert_ne!(draw(1, Event::Pulse, 0), draw(1, Event::Frame, 0));
+        assert_ne!(draw(1, Event::Pulse, 0), draw(2, Event::Pulse, 0));
     }
 }

@@ -109,7 +109,7 @@ impl Surface {
                     let machined = self.machined[at];
                     self.wear[at] +=
                         WEAR_PER_PULSE * hit * machined * (self.most_wear - self.wear[at]);
-                    self.machined[at] = machined + hit * (1.0 - machined);
+                    self.machined[at] = machined.max(hit);
                     let grain = self.texture[grain_row + (i + column_offset) % self.width];
                     self.grain[at] += hit * (self.grain_contrast * grain - self.grain[at]);
                 }

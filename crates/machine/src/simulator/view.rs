@@ -70,7 +70,7 @@ impl Sensor {
         let (columns, rows) =
             (taps(exposure.shift.x, exposure.defocus), taps(exposure.shift.y, exposure.defocus));
         let height = self.field.len() / self.width;
-        let margin = surface.margin() as i64;
+        let margin = surface.margin().cast_signed();
         let first = |taps: &Taps| (margin + taps.first).clamp(0, 2 * margin) as usize;
         let (first_column, first_row) = (first(&columns), first(&rows));
         let read_variance = (options.read_noise_levels * options.read_noise_levels) as f32;
@@ -119,7 +119,7 @@ impl Sensor {
 /// Weights by which a row is moved by part of a pixel and blurred.
 struct Taps {
     /// Where the first weight belongs, px.
-    first: i64,
+    first: isize,
     weights: Vec<f32>,
 }
 
@@ -127,7 +127,7 @@ struct Taps {
 fn taps(shift: f64, deviation: f64) -> Taps {
     let whole = shift.floor();
     let part = shift - whole;
-    let reach = (3.0 * deviation).ceil().max(1.0) as i64;
+    let reach = (3.0 * deviation).ceil().max(1.0) as isize;
     let weights: Vec<f64> = if deviation < 0.3 {
         // Cubic convolution (Keys 1981).
         [1.0 + part, part, 1.0 - part, 2.0 - part]
@@ -147,7 +147,7 @@ fn taps(shift: f64, deviation: f64) -> Taps {
     };
     let sum: f64 = weights.iter().sum();
     Taps {
-        first: whole as i64 - if deviation < 0.3 { 1 } else { reach },
+        first: whole as isize - if deviation < 0.3 { 1 } else { reach },
         weights: weights.iter().map(|weight| (weight / sum) as f32).collect(),
     }
 }

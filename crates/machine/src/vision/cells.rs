@@ -57,11 +57,12 @@ impl Grid {
     }
 
     /// Which cells lie in the frame when the grid is moved by `offset` frame px.
-    pub(super) fn inside(self, offset: [i32; 2], width_px: usize, height_px: usize) -> Inside {
-        let range = |offset: i32, count: usize, length: usize| {
-            let cell = self.cell as i32;
-            let first = (-offset + cell - 1).div_euclid(cell).clamp(0, count as i32);
-            let end = (length as i32 - offset).div_euclid(cell).clamp(first, count as i32);
+    pub(super) fn inside(self, offset: [isize; 2], width_px: usize, height_px: usize) -> Inside {
+        let range = |offset: isize, count: usize, length: usize| {
+            let cell = self.cell.cast_signed();
+            let first = (-offset + cell - 1).div_euclid(cell).clamp(0, count.cast_signed());
+            let end =
+                (length.cast_signed() - offset).div_euclid(cell).clamp(first, count.cast_signed());
             (first as usize, end as usize)
         };
         Inside {
@@ -72,7 +73,7 @@ impl Grid {
 
     /// Mean grey level of every cell of `frame` when the grid is moved by `offset` frame px. Beyond
     /// the frame its nearest pixels count.
-    pub(super) fn average(self, frame: &Frame, offset: [i32; 2], means: &mut [f32]) {
+    pub(super) fn average(self, frame: &Frame, offset: [isize; 2], means: &mut [f32]) {
         match self.cell {
             2 => self.average_cells::<2>(frame, offset, means),
             3 => self.average_cells::<3>(frame, offset, means),
@@ -86,7 +87,12 @@ impl Grid {
 
     /// As [`average`](Self::average); `CELL` is the side of a cell, or 0 where it is not known
     /// beforehand.
-    fn average_cells<const CELL: usize>(self, frame: &Frame, offset: [i32; 2], means: &mut [f32]) {
+    fn average_cells<const CELL: usize>(
+        self,
+        frame: &Frame,
+        offset: [isize; 2],
+        means: &mut [f32],
+    ) {
         let cell = if CELL == 0 { self.cell } else { CELL };
         let (width, height) = (frame.width_px(), frame.height_px());
         let share = ((cell * cell) as f32).recip();
@@ -98,8 +104,8 @@ impl Grid {
             let middle = &mut sums[before..before + width];
             middle.fill(0);
             for k in 0..cell {
-                let row = (j * cell + k) as i32 + offset[1];
-                let row = row.clamp(0, height as i32 - 1) as usize * width;
+                let row = (j * cell + k).cast_signed() + offset[1];
+                let row = row.clamp(0, height.cast_signed() - 1) as usize * width;
                 for (sum, &gray) in middle.iter_mut().zip(&frame.gray()[row..row + width]) {
                     *sum += u16::from(gray);
                 }
@@ -151,7 +157,7 @@ mod tests {
         fn cells_are_means_of_their_pixels(
             cell in 1_usize..10,
             (width, height) in (20_usize..70, 20_usize..50),
-            offset in [-30_i32..30, -30_i32..30],
+            offset in [-30_isize..30, -30_isize..30],
             seed in 0_u32..1000,
         ) {
             let gray: Vec<u8> = (0..width * height)
@@ -168,9 +174,9 @@ mod tests {
                     let mut whole = true;
                     for y in j * cell..(j + 1) * cell {
                         for x in i * cell..(i + 1) * cell {
-                            let (x, y) = (x as i32 + offset[0], y as i32 + offset[1]);
-                            let in_x = x.clamp(0, width as i32 - 1);
-                            let in_y = y.clamp(0, height as i32 - 1);
+                            let (x, y) = (x.cast_signed() + offset[0], y.cast_signed() + offset[1]);
+                            let in_x = x.clamp(0, width.cast_signed() - 1);
+                            let in_y = y.clamp(0, height.cast_signed() - 1);
                             whole &= in_x == x && in_y == y;
                             sum += f32::from(gray[in_y as usize * width + in_x as usize]);
                         }

@@ -26,6 +26,10 @@ const HUBER: f32 = 3.0;
 /// Standard deviation of α about 1: machined ground is as dark wherever it was.
 const ALPHA_SPREAD: f32 = 0.15;
 
+/// Standard deviation by which a pulse changes ground that was machined before. More than that of
+/// its grain, since grain is coarser than cells.
+const GRAIN: f32 = 0.1;
+
 /// The model is off by this fraction of the contrast.
 const MODEL_ERROR: f32 = 0.05;
 
@@ -45,6 +49,8 @@ struct Cell {
     y: f32,
     difference: f32,
     before: f32,
+    /// Part of it that was machined before, in [0, 1].
+    machined: f32,
 }
 
 /// What is expected of a disc.
@@ -53,6 +59,25 @@ pub(super) struct Expected {
     pub(super) radius_px: f32,
     pub(super) radius_range_px: f32,
     pub(super) radius_spread_px: f32,
+    /// Darkening from which ground is machined.
+    pub(super) least_contrast: f32,
+    /// Where the pulse was aimed, px of the pattern, if anywhere.
+    pub(super) aimed_px: Option<(f32, f32)>,
+    /// How far from there it usually lands, px.
+    pub(super) aim_spread_px: f32,
+}
+
+impl Expected {
+    /// How much a disc speaks against what is expected: twice the negative logarithm of its
+    /// probability. Far from the aim it grows slowly (a Cauchy distribution).
+    fn surprise(&self, disc: &Disc) -> f32 {
+        let radius = (disc.radius - self.radius_px) / self.radius_spread_px;
+        let aim = self.aimed_px.map_or(0.0, |(x, y)| {
+            let far = (disc.x - x).hypot(disc.y - y) / self.aim_spread_px;
+            2.0 * (far * far).ln_1p()
+        });
+        radius * radius + aim
+    }
 }
 
 /// A disc that fits, px of the pattern, and how well.
@@ -65,9 +90,7 @@ pub(super) struct DiscFit {
     pub(super) contrast: f32,
     /// Area that has darkened as much as pristine ground does, px².
     pub(super) new_area_px: f32,
-    /// Mean darkening within the disc over its standard deviation by noise.
-    pub(super) darkening: f32,
-    /// Squared differences that it explains less those that it leaves, over the noise's variance.
+    /// How much likelier the disc is than none: twice the logarithm.
     pub(super) gain: f32,
     /// Part of the change within the disc that it explains, at most 1.
     pub(super) explained: f32,
@@ -93,6 +116,7 @@ impl Patch {
         calibration: &CameraCalibration,
         (x_px, y_px): (f32, f32),
         reach_px: f32,
+        least_contrast: f32,
         ignored: impl Fn(f32, f32) -> bool,
     ) {
         self.cells.clear();
@@ -115,8 +139,9 @@ impl Patch {
                 let (dx, dy) = (x - x_px, y - y_px);
                 if dx * dx + dy * dy < reach_px * reach_px && !ignored(x, y) {
                     let at = j * grid.stride() + i;
-                    let difference = change.difference[at];
-                    self.cells.push(Cell { x, y, difference, before: change.before[at] });
+                    let (difference, before) = (change.difference[at], change.before[at]);
+                    let machined = ((1.0 - before) / least_contrast - 0.5).clamp(0.0, 1.0);
+                    self.cells.push(Cell { x, y, difference, before, machined });
                 }
             }
         }
@@ -146,6 +171,13 @@ impl Patch {
                 normal[(k, k)] += weight;
                 right[k] += weight * value;
             };
+            if let Some((x, y)) = expected.aimed_px {
+                let (dx, dy) = (x - disc.x, y - disc.y);
+                let spread = expected.aim_spread_px;
+                let spread = (spread * spread + dx * dx + dy * dy).sqrt();
+                expect(0, dx, spread);
+                expect(1, dy, spread);
+            }
             expect(2, expected.radius_px - disc.radius, expected.radius_spread_px);
             expect(3, 1.0 - disc.alpha, ALPHA_SPREAD);
             // Hold what nothing is seen of.
@@ -167,8 +199,23 @@ impl Patch {
             }
         }
         let rim_px = RIM_CELLS[RIM_CELLS.len() - 1] * cell_px;
-        Some(disc.judged(&self.cells, rim_px, noise, cell_px, inverse))
+        let mut fit = disc.judged(&self.cells, rim_px, noise, cell_px, inverse);
+        fit.gain -= expected.surprise(&disc);
+        Some(fit)
     }
+}
+
+impl Cell {
+    /// Variance of the difference from the model, where that of pristine ground is `deviation`².
+    fn variance(&self, deviation: f32) -> f32 {
+        let grain = GRAIN * self.machined;
+        deviation * deviation + grain * grain
+    }
+}
+
+/// A difference of `off` standard deviations as Huber counts it.
+fn huber(off: f32) -> f32 {
+    if off > HUBER { HUBER * (2.0 * off - HUBER) } else { off * off }
 }
 
 /// A disc while it is being fitted.
@@ -213,7 +260,6 @@ impl Disc {
         deviation: f32,
     ) -> (SMatrix<f32, UNKNOWNS, UNKNOWNS>, SVector<f32, UNKNOWNS>) {
         let mut sums = [[0.0_f32; UNKNOWNS + 1]; UNKNOWNS];
-        let precision = (deviation * deviation).recip();
         for cell in cells {
             let (distance, dx, dy) = self.arm(cell);
             if distance > self.radius + STEP_REACH * rim_px {
@@ -224,8 +270,9 @@ impl Disc {
             let error = -cell.difference - part * darkening;
             let rim = darkening * slope / rim_px;
             let row = [rim * dx / distance, rim * dy / distance, rim, part * cell.before, part];
-            let off = error.abs() / deviation;
-            let weight = precision * if off > HUBER { HUBER / off } else { 1.0 };
+            let variance = cell.variance(deviation);
+            let off = error.abs() / variance.sqrt();
+            let weight = if off > HUBER { HUBER / off } else { 1.0 } / variance;
             for (k, sums) in sums.iter_mut().enumerate() {
                 let factor = weight * row[k];
                 for (sum, value) in sums.iter_mut().zip(row) {
@@ -249,9 +296,8 @@ impl Disc {
         const BINS: usize = 24;
         let contrast = self.alpha + self.beta;
         let (mut change, mut left, mut new_area, mut gain) = (0.0, 0.0, 0.0, 0.0);
-        let (mut darkening_sum, mut darkening_weight) = (0.0, 0.0);
         let mut rim = [(0.0_f32, 0.0_f32); BINS];
-        let clip = 4.0 * noise.max(MODEL_ERROR * contrast.abs());
+        let deviation = noise.max(MODEL_ERROR * contrast.abs());
         for cell in cells {
             let (distance, dx, dy) = self.arm(cell);
             if distance > self.radius + REACH_CELLS * cell_px {
@@ -260,16 +306,13 @@ impl Disc {
             let (part, slope) = step((self.radius - distance) / rim_px);
             let darkening = self.alpha * cell.before + self.beta;
             let error = -cell.difference - part * darkening;
+            let scale = cell.variance(deviation).sqrt().recip();
+            let (before, after) =
+                (huber(cell.difference.abs() * scale), huber(error.abs() * scale));
+            gain += before - after;
             if distance < self.radius + 1.5 * cell_px {
-                let limit = clip.max(contrast.abs());
-                change += cell.difference.clamp(-limit, limit).powi(2);
-                left += error.clamp(-limit, limit).powi(2);
-                gain += cell.difference.clamp(-limit, limit).powi(2)
-                    - error.clamp(-limit, limit).powi(2);
-            }
-            if part > 0.9 {
-                darkening_sum -= cell.difference;
-                darkening_weight += 1.0;
+                change += before;
+                left += after;
             }
             new_area += part * (-cell.difference).max(0.0).min(contrast.abs());
             if slope > 0.1 {
@@ -289,8 +332,7 @@ impl Disc {
             radius_px: self.radius,
             contrast,
             new_area_px: new_area / contrast.abs().max(1e-3) * cell_px * cell_px,
-            darkening: darkening_sum / (noise * f32::sqrt(darkening_weight).max(1.0)),
-            gain: gain / (noise * noise),
+            gain,
             explained: if change > 0.0 { 1.0 - left / change } else { 0.0 },
             center_error_px: worst.max(0.0).sqrt(),
             visible_rim: seen as f32 / BINS as f32,

@@ -86,11 +86,11 @@ pub(super) fn candidates(
             }
         }
     }
-    peaks(votes, width, limit)
+    peaks(&votes, width, limit)
 }
 
 /// Where most votes are.
-fn peaks(votes: Vec<f32>, width: usize, limit: usize) -> Vec<Candidate> {
+fn peaks(votes: &[f32], width: usize, limit: usize) -> Vec<Candidate> {
     let height = votes.len() / width;
     let mut around = vec![0.0_f32; votes.len()];
     for j in 1..height - 1 {

@@ -79,7 +79,7 @@ impl Lamp {
     }
 
     /// Divides the cells of a grid moved by `offset` frame px by the light. Outside it stays 0.
-    pub(super) fn divide(&self, grid: Grid, offset: [i32; 2], inside: Inside, means: &mut [f32]) {
+    pub(super) fn divide(&self, grid: Grid, offset: [isize; 2], inside: Inside, means: &mut [f32]) {
         let mut light = vec![0.0; grid.stride()];
         for (j, means) in means.chunks_exact_mut(grid.stride()).enumerate() {
             if !(inside.rows.0..inside.rows.1).contains(&j) {
@@ -96,7 +96,7 @@ impl Lamp {
     }
 
     /// Light in row `j` of a grid moved by `offset` frame px.
-    fn row(&self, grid: Grid, offset: [i32; 2], j: usize, light: &mut [f32]) {
+    fn row(&self, grid: Grid, offset: [isize; 2], j: usize, light: &mut [f32]) {
         let y = self.y(grid, offset[1], j);
         let mut by_x = [0.0; DEGREE + 1];
         for row in self.coefficients.iter().rev() {
@@ -111,11 +111,11 @@ impl Lamp {
         }
     }
 
-    fn x(&self, grid: Grid, offset: i32, i: usize) -> f32 {
+    fn x(&self, grid: Grid, offset: isize, i: usize) -> f32 {
         ((i as f32 + 0.5) * grid.cell as f32 + offset as f32) * 2.0 / self.width_px - 1.0
     }
 
-    fn y(&self, grid: Grid, offset: i32, j: usize) -> f32 {
+    fn y(&self, grid: Grid, offset: isize, j: usize) -> f32 {
         ((j as f32 + 0.5) * grid.cell as f32 + offset as f32) * 2.0 / self.height_px - 1.0
     }
 }
@@ -123,10 +123,18 @@ impl Lamp {
 /// The terms of the polynomial: by power of y, then of x.
 fn terms(x: f32, y: f32) -> SVector<f64, TERMS> {
     let (x, y) = (f64::from(x), f64::from(y));
-    let powers = (0..=DEGREE).flat_map(|power_y| (0..=DEGREE - power_y).map(move |k| (power_y, k)));
-    SVector::from_iterator(
-        powers.map(|(power_y, power_x)| x.powi(power_x as i32) * y.powi(power_y as i32)),
-    )
+    let mut terms = SVector::zeros();
+    let (mut k, mut by_y) = (0, 1.0);
+    for power_y in 0..=DEGREE {
+        let mut term = by_y;
+        for _ in 0..=DEGREE - power_y {
+            terms[k] = term;
+            term *= x;
+            k += 1;
+        }
+        by_y *= y;
+    }
+    terms
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 mod cells;
 mod change;
 mod disc_fit;
+mod disc_search;
 mod hough;
 mod lamp;
 mod options;

@@ -13,6 +13,9 @@ pub struct VisionOptions {
     /// Standard deviation of the radius, px, above 0: decides where only a short arc is visible.
     /// Default 0.3.
     pub radius_spread_px: f64,
+    /// How far from its aim a pulse usually lands, px, above 0. Decides where too little of a mark
+    /// is new to tell; a mark that is seen well is where it is. Default 1.
+    pub aim_spread_px: f64,
     /// How much darker machined ground is at least, a fraction of the brightness of pristine
     /// ground in (0, 1). Default 0.12.
     pub least_contrast: f64,
@@ -26,6 +29,7 @@ impl Default for VisionOptions {
             radius_px: 9.0,
             radius_range_px: 2.0,
             radius_spread_px: 0.3,
+            aim_spread_px: 1.0,
             least_contrast: 0.12,
             max_shift_px: 8.0,
         }
@@ -50,6 +54,9 @@ impl VisionOptions {
         if !(self.radius_spread_px > 0.0 && self.radius_spread_px.is_finite()) {
             return refuse("radius_spread_px", self.radius_spread_px, "above 0");
         }
+        if !(self.aim_spread_px > 0.0 && self.aim_spread_px.is_finite()) {
+            return refuse("aim_spread_px", self.aim_spread_px, "above 0");
+        }
         if !(self.least_contrast > 0.0 && self.least_contrast < 1.0) {
             return refuse("least_contrast", self.least_contrast, "in (0, 1)");
         }
@@ -67,10 +74,11 @@ mod tests {
     #[test]
     fn options_outside_their_range_are_refused_by_name() {
         type Change = fn(&mut VisionOptions);
-        let changes: [(&str, Change); 5] = [
+        let changes: [(&str, Change); 6] = [
             ("radius_px", |options| options.radius_px = f64::NAN),
             ("radius_range_px", |options| options.radius_range_px = 4.5),
             ("radius_spread_px", |options| options.radius_spread_px = 0.0),
+            ("aim_spread_px", |options| options.aim_spread_px = f64::INFINITY),
             ("least_contrast", |options| options.least_contrast = 1.0),
             ("max_shift_px", |options| options.max_shift_px = -1.0),
         ];

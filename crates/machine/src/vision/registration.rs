@@ -12,7 +12,7 @@ const ROUNDS: usize = 6;
 const NEAR_FRAME_PX: f32 = 0.6;
 
 /// Frames whose texture agrees less than this with that of the reference are looked for afresh.
-const TRUSTED_AGREEMENT: f32 = 0.5;
+const TRUSTED_AGREEMENT: f32 = 0.8;
 
 /// Frames whose texture agrees less are refused.
 const LEAST_AGREEMENT: f32 = 0.2;
@@ -63,7 +63,7 @@ struct Workspace {
 
 /// A frame cut into cells at one offset, and how it differs from the reference.
 struct Cut {
-    offset: [i32; 2],
+    offset: [isize; 2],
     brightness: Vec<f32>,
     inside: Inside,
     /// How far the cells are from the reference's, cells.
@@ -145,26 +145,31 @@ impl Reference {
     fn follow(&mut self, frame: &Frame, shift: [f32; 2]) -> Result<Cut, ObserverError> {
         let cell = self.grid.cell as f32;
         let limit = self.max_shift + cell;
-        let mut offset = shift.map(|shift| shift.clamp(-limit, limit).round() as i32);
+        let mut offset = shift.map(|shift| shift.clamp(-limit, limit).round() as isize);
         let mut rounds = 0;
         loop {
-            let cut = self.compare(frame, offset)?;
+            let mut cut = self.compare(frame, offset)?;
             rounds += 1;
             let near = cut.rest.iter().all(|rest| (rest * cell).abs() <= NEAR_FRAME_PX);
-            if near || rounds == ROUNDS {
+            if near {
+                return Ok(cut);
+            }
+            if rounds == ROUNDS {
+                // The slopes lead nowhere.
+                cut.agreement = -1.0;
                 return Ok(cut);
             }
             for (offset, rest) in offset.iter_mut().zip(cut.rest) {
                 // The slopes say nothing about more than a cell or two.
                 let step = (rest * cell).clamp(-2.0 * cell, 2.0 * cell);
-                *offset = (*offset as f32 - step).clamp(-limit, limit).round() as i32;
+                *offset = (*offset as f32 - step).clamp(-limit, limit).round() as isize;
             }
         }
     }
 
     /// Cuts `frame` at `offset` and compares it with the reference (Lucas and Kanade 1981), leaving
     /// out what has changed.
-    fn compare(&mut self, frame: &Frame, offset: [i32; 2]) -> Result<Cut, ObserverError> {
+    fn compare(&mut self, frame: &Frame, offset: [isize; 2]) -> Result<Cut, ObserverError> {
         let grid = self.grid;
         let mut brightness = grid.picture();
         grid.average(frame, offset, &mut brightness);
@@ -181,9 +186,10 @@ impl Reference {
         let mut tolerance = self.tolerance;
         let border = inside.and(inside, 2);
         for _ in 0..2 {
-            keep(grid, border, difference, plane, tolerance, weight, rows, kept);
-            let fit = Plane::fit(grid, difference, kept);
-            if fit.count < LEAST_COMPARABLE * (grid.width * grid.height) as f32 {
+            let fit = Plane::fit(grid, border, difference, plane, tolerance);
+            if fit.count * (PLANE_ROWS as f32)
+                < LEAST_COMPARABLE * (grid.width * grid.height) as f32
+            {
                 return Err(refuse("too little of the ground is as it was"));
             }
             plane = fit.solve().unwrap_or(plane);
@@ -414,6 +420,9 @@ fn keep(
     }
 }
 
+/// The plane of the lamp is fitted to one in so many rows.
+const PLANE_ROWS: usize = 2;
+
 /// Sums for the plane that fits a difference best.
 struct Plane {
     count: f32,
@@ -422,20 +431,29 @@ struct Plane {
 }
 
 impl Plane {
-    fn fit(grid: Grid, difference: &[f32], weight: &[f32]) -> Self {
-        let stride = grid.stride();
+    /// Fitted to the cells inside that are within `tolerance` of `plane`, in some of the rows.
+    fn fit(
+        grid: Grid,
+        inside: Inside,
+        difference: &[f32],
+        plane: [f32; 3],
+        tolerance: f32,
+    ) -> Self {
         let step = 2.0 / grid.width as f32;
         let mut products = [[0.0; 4]; 4];
-        for j in 0..grid.height {
-            let row = j * stride..(j + 1) * stride;
+        for j in (inside.rows.0..inside.rows.1).step_by(PLANE_ROWS) {
+            let lamp = LampRow::new(grid, plane, j);
+            let start = j * grid.stride();
             let mut sums = [[0.0_f32; LANES]; 6];
-            let blocks =
-                difference[row.clone()].chunks_exact(LANES).zip(weight[row].chunks_exact(LANES));
-            for (block, (e, w)) in blocks.enumerate() {
+            let columns = start + inside.columns.0..start + inside.columns.1;
+            for (block, e) in difference[columns].chunks_exact(LANES).enumerate() {
                 for k in 0..LANES {
-                    let x = ((block * LANES + k) as f32 + 0.5) * step - 1.0;
-                    let (wx, we) = (w[k] * x, w[k] * e[k]);
-                    sums[0][k] += w[k];
+                    let i = (inside.columns.0 + block * LANES + k) as f32;
+                    let x = (i + 0.5) * step - 1.0;
+                    let off = e[k] - (lamp.left + lamp.step * i);
+                    let weight = if off.abs() < tolerance { 1.0_f32 } else { 0.0 };
+                    let (wx, we) = (weight * x, weight * e[k]);
+                    sums[0][k] += weight;
                     sums[1][k] += wx;
                     sums[2][k] += wx * x;
                     sums[3][k] += we;
