@@ -131,7 +131,6 @@ def test_the_recipe_of_the_paper_is_what_the_paper_tells() -> None:
         ({"method": {"phases": ["pop"]}}, r"phases\[0\] is 'pop'"),
         ({"method": {"ppo": {"batch_size": 1000}}}, "must divide"),
         ({"evaluation": {"planners": ["gredy"]}}, "did you mean greedy"),
-        ({"evaluation": {"planners": ["policy"]}}, "evaluation.planners: .*policy"),
         ({"evaluation": {"planners": ["greedy", "greedy"]}}, "evaluation.planners: .*twice"),
         ({"evaluation": {"anneal_s": 0.0}}, "anneal_s is 0"),
         ({"run": {"checkpoint_min": 0.0}}, "checkpoint_min is 0"),
