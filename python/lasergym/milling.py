@@ -69,7 +69,7 @@ class Passes:
     @property
     def x_um(self) -> NDArray[np.float64]:
         """Where the points of every pass lie along x, µm; shape (points,)."""
-        return self.first_x_um + self.spacing_um * np.arange(self.y_um.shape[1])
+        return self.first_x_um + self.spacing_um * np.arange(self.y_um.shape[1], dtype=np.float64)
 
     @property
     def speed_mm_s(self) -> NDArray[np.float64]:
