@@ -2,7 +2,8 @@
 
 An oracle that shares no code with lasergym, and the usual way to do it (Xie et al. 2022, section
 2.1, names the same three steps). It is told the radius, and that one mark is to be found; the
-frames are registered by phase correlation first, and marks judged where the second frame shows them.
+frames are registered by phase correlation first, and marks judged where the second frame shows
+them.
 
     cargo run --release -p lasergym-machine --example detection -- lab 1000 --dump pairs 1000
     python tests/python/opencv_detection.py pairs
