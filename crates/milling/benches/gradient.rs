@@ -4,7 +4,9 @@ use std::error::Error;
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use lasergym_milling::{BeamPath, Grid, MillingError, Objective, Profile, RasterLayout, Simulator};
+use lasergym_milling::{
+    BeamPath, GradientMemory, Grid, MillingError, Objective, Profile, RasterLayout, Simulator,
+};
 
 /// A flat target under `passes` passes of `points` points.
 fn case(
@@ -52,7 +54,10 @@ fn gradients(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
                 });
             });
             group.bench_function(format!("gradient/{controls}"), |bench| {
-                bench.iter(|| black_box(simulator.gradient(&path, &start_um, &objective)));
+                let mut memory = GradientMemory::default();
+                bench.iter(|| {
+                    black_box(simulator.gradient(&path, &start_um, &objective, &mut memory))
+                });
             });
         }
         group.finish();

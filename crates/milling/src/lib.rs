@@ -48,6 +48,8 @@ pub use law::{FeedSpeedLaw, RemovalLaw, SlopeLaw, SlopeSign};
 pub use milling_job::{JobOptions, MAX_LAYERS, MillingJob};
 pub use objective::{Objective, TrackingError};
 pub use profile::Profile;
-pub use simulator::{Direction, Gradient, MAX_COURANT, Process, Simulator};
+pub use simulator::{
+    Direction, Gradient, GradientMemory, MAX_COURANT, MAX_TAPE_VALUES, Process, Simulator,
+};
 pub use solver::{Solution, SolveOptions, SolveProgress, SolveStage};
 pub use trench::{TRENCH_HEADER, Trench, read_trenches, trench_depths_um};

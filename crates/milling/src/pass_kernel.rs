@@ -26,25 +26,38 @@ impl PassKernel {
         self.run(Apply { window, slope, steps, depth, scratch });
     }
 
-    /// Turns the adjoint field after the steps into the one before, and writes the gradient of each
-    /// step. `depth` is the depth before the steps and is left as it is after them, where slopes
-    /// matter; otherwise it is not used.
-    pub(crate) fn apply_transpose(
+    /// Values that the tape of so many steps holds: none where slopes do not matter.
+    pub(crate) fn tape_len(&self, steps: usize) -> usize {
+        if self.slope.is_some() { steps * 3 * self.window.side.pow(2) } else { 0 }
+    }
+
+    /// Removes what the steps remove and fills their tape, which has
+    /// [`PassKernel::tape_len`] values.
+    pub(crate) fn apply_taped(
         &self,
         steps: &[BeamStep],
         depth: &mut [f64],
+        tape: &mut [f64],
+        scratch: &mut Scratch,
+    ) {
+        let PassKernel { window, slope, .. } = self;
+        self.run(ApplyTaped { window, slope, steps, depth, tape, scratch });
+    }
+
+    /// Turns the adjoint field after the steps into the one before, and writes the gradient of each
+    /// step. `tape` is that of [`PassKernel::apply_taped`].
+    pub(crate) fn apply_transpose(
+        &self,
+        steps: &[BeamStep],
+        tape: &mut [f64],
         adjoint: &mut [f64],
-        tape: &mut Vec<f64>,
         gradients: &mut Vec<StepGradient>,
         scratch: &mut Scratch,
     ) {
         gradients.clear();
         gradients.resize(steps.len(), StepGradient::default());
-        if self.slope.is_some() {
-            tape.resize(tape.len().max(steps.len() * 3 * self.window.side.pow(2)), 0.0);
-        }
         let PassKernel { window, slope, .. } = self;
-        self.run(Transpose { window, slope, steps, depth, adjoint, tape, gradients, scratch });
+        self.run(Transpose { window, slope, steps, adjoint, tape, gradients, scratch });
     }
 
     /// Turns small changes before the steps into changes after them.
@@ -111,11 +124,34 @@ impl PassWork for Apply<'_> {
     }
 }
 
-struct Transpose<'a> {
+struct ApplyTaped<'a> {
     window: &'a BeamWindow,
     slope: &'a Option<SlopeKernel>,
     steps: &'a [BeamStep],
     depth: &'a mut [f64],
+    tape: &'a mut [f64],
+    scratch: &'a mut Scratch,
+}
+
+impl PassWork for ApplyTaped<'_> {
+    #[inline(always)]
+    fn run<R: Radial>(self, radial: R) {
+        let Self { window, slope, steps, depth, tape, scratch } = self;
+        let Some(law) = slope else {
+            return Apply { window, slope, steps, depth, scratch }.run(radial);
+        };
+        let side = window.side;
+        for (step, cells) in steps.iter().zip(tape.chunks_exact_mut(3 * side * side)) {
+            let mut tape = StepTape::new(cells, side);
+            sloped_step::apply_taped(window, radial, law, step, depth, scratch, &mut tape);
+        }
+    }
+}
+
+struct Transpose<'a> {
+    window: &'a BeamWindow,
+    slope: &'a Option<SlopeKernel>,
+    steps: &'a [BeamStep],
     adjoint: &'a mut [f64],
     tape: &'a mut [f64],
     gradients: &'a mut [StepGradient],
@@ -125,19 +161,15 @@ struct Transpose<'a> {
 impl PassWork for Transpose<'_> {
     #[inline(always)]
     fn run<R: Radial>(self, radial: R) {
-        let Self { window, slope, steps, depth, adjoint, tape, gradients, scratch } = self;
-        let Some(law) = slope else {
+        let Self { window, slope, steps, adjoint, tape, gradients, scratch } = self;
+        if slope.is_none() {
             for (step, gradient) in steps.iter().zip(gradients) {
                 *gradient = flat_step::apply_transpose(window, radial, step, adjoint, scratch);
             }
             return;
-        };
+        }
         let side = window.side;
         let cells = 3 * side * side;
-        for (step, cells) in steps.iter().zip(tape.chunks_exact_mut(cells)) {
-            let mut tape = StepTape::new(cells, side);
-            sloped_step::apply_taped(window, radial, law, step, depth, scratch, &mut tape);
-        }
         let taped = steps.iter().zip(tape.chunks_exact_mut(cells)).zip(gradients).rev();
         for ((step, cells), gradient) in taped {
             let tape = StepTape::new(cells, side);

@@ -62,6 +62,33 @@ pub struct Direction {
     pub y_um: Vec<f64>,
 }
 
+/// Most values of recorded derivatives that a gradient keeps: 256 MB.
+pub const MAX_TAPE_VALUES: usize = 32 << 20;
+
+/// Memory of [`Simulator::gradient`], to be used again.
+#[derive(Debug, Clone, Default)]
+pub struct GradientMemory {
+    values: Vec<f64>,
+}
+
+impl GradientMemory {
+    fn range(&mut self, start: usize, length: usize) -> &mut [f64] {
+        let end = start + length;
+        if self.values.len() < end {
+            self.values.resize(end, 0.0);
+        }
+        &mut self.values[start..end]
+    }
+}
+
+/// What the backward run needs of a pass.
+enum Kept {
+    /// Where its tape begins.
+    Tape(usize),
+    /// The cells that it touches, and their depths before it.
+    Band(Range<usize>, Vec<f64>),
+}
+
 /// First and second derivative of the objective with respect to the dose of a stretch, times the
 /// dose and its square, µm⁴.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -161,9 +188,10 @@ impl Simulator {
     /// The objective of the surface that `path` makes of `start_um`, and its gradient by the
     /// discrete adjoint.
     ///
-    /// Where slopes matter the rows that a pass touches are kept from before the pass, so that the
-    /// backward run can repeat it: memory grows as passes × rows under the beam × columns, not with
-    /// the number of steps.
+    /// Where slopes matter, the first passes record the derivatives of their steps, as far as
+    /// [`MAX_TAPE_VALUES`] go; of the others the rows that they touch are kept from before, so that
+    /// the backward run can repeat them. Memory grows as passes × rows under the beam × columns, not
+    /// with the number of steps. `memory` may be used again and saves making it.
     ///
     /// # Errors
     /// As [`Simulator::mill`]; [`MillingError::WrongLength`] for an objective on another grid.
@@ -172,48 +200,52 @@ impl Simulator {
         path: &BeamPath,
         start_um: &[f64],
         objective: &Objective,
+        memory: &mut GradientMemory,
     ) -> Result<Gradient, MillingError> {
         self.check(path, start_um)?;
         self.grid.check_len("target_um", objective.target_um())?;
         let mut depth_um = start_um.to_vec();
         let mut scratch = Scratch::new(self.kernel.window.side);
-        let mut steps = Vec::new();
-        let mut bands: Vec<(Range<usize>, Vec<f64>)> = Vec::new();
+        let (mut steps, mut by_step) = (Vec::new(), Vec::new());
+        let mut kept: Vec<Kept> = Vec::with_capacity(path.passes());
+        let mut used = 0;
         for pass in 0..path.passes() {
             path.steps(pass, self.substeps, &self.law, &mut steps);
-            if self.kernel.slope.is_some() {
+            let length = self.kernel.tape_len(steps.len());
+            let all_taped = matches!(kept.last(), None | Some(Kept::Tape(_)));
+            if all_taped && used + length <= MAX_TAPE_VALUES {
+                let tape = memory.range(used, length);
+                self.kernel.apply_taped(&steps, &mut depth_um, tape, &mut scratch);
+                kept.push(Kept::Tape(used));
+                used += length;
+            } else {
                 let cells = self.cells_touched(&steps);
-                let kept = depth_um[cells.clone()].to_vec();
-                bands.push((cells, kept));
+                kept.push(Kept::Band(cells.clone(), depth_um[cells].to_vec()));
+                self.kernel.apply(&steps, &mut depth_um, &mut scratch);
             }
-            self.kernel.apply(&steps, &mut depth_um, &mut scratch);
         }
         let mut gradient = Gradient {
             objective: objective.value_of(&depth_um),
             dwell: vec![0.0; path.y_um.len()],
             y: vec![0.0; path.y_um.len()],
-            depth_um: Vec::new(),
+            depth_um: depth_um.clone(),
         };
         let mut adjoint = objective.derivative(&depth_um);
-        gradient.depth_um.clone_from(&depth_um);
-        let (mut tape, mut by_step) = (Vec::new(), Vec::new());
-        for pass in (0..path.passes()).rev() {
+        for (pass, kept) in kept.into_iter().enumerate().rev() {
             path.steps(pass, self.substeps, &self.law, &mut steps);
-            let band = bands.pop();
-            if let Some((cells, kept)) = &band {
-                depth_um[cells.clone()].copy_from_slice(kept);
-            }
-            self.kernel.apply_transpose(
-                &steps,
-                &mut depth_um,
-                &mut adjoint,
-                &mut tape,
-                &mut by_step,
-                &mut scratch,
-            );
-            if let Some((cells, kept)) = &band {
-                depth_um[cells.clone()].copy_from_slice(kept);
-            }
+            let length = self.kernel.tape_len(steps.len());
+            let tape = match kept {
+                Kept::Tape(start) => memory.range(start, length),
+                Kept::Band(cells, band) => {
+                    // Taped passes come before all of these and do not need the depth.
+                    let tape = memory.range(used, length);
+                    depth_um[cells.clone()].copy_from_slice(&band);
+                    self.kernel.apply_taped(&steps, &mut depth_um, tape, &mut scratch);
+                    depth_um[cells].copy_from_slice(&band);
+                    tape
+                }
+            };
+            self.kernel.apply_transpose(&steps, tape, &mut adjoint, &mut by_step, &mut scratch);
             Self::add_to_controls(path, pass, &steps, &by_step, &mut gradient);
         }
         Ok(gradient)
@@ -282,21 +314,15 @@ impl Simulator {
         self.check(path, depth_um)?;
         let mut adjoint = objective.derivative(depth_um);
         let mut scratch = Scratch::new(self.kernel.window.side);
-        let (mut steps, mut tape, mut by_step) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut steps, mut by_step) = (Vec::new(), Vec::new());
         let segments = path.points - 1;
         let mut effects = vec![StretchEffect::default(); path.passes() * segments];
         let mut doses = vec![0.0; effects.len()];
         for pass in 0..path.passes() {
             path.steps(pass, self.substeps, &self.law, &mut steps);
-            self.kernel.apply_transpose(
-                &steps,
-                &mut [],
-                &mut adjoint,
-                &mut tape,
-                &mut by_step,
-                &mut scratch,
-            );
-            for (step, by_step) in steps.iter().zip(&by_step) {
+            let (adjoint, by_step) = (&mut adjoint, &mut by_step);
+            self.kernel.apply_transpose(&steps, &mut [], adjoint, by_step, &mut scratch);
+            for (step, by_step) in steps.iter().zip(by_step) {
                 let stretch = pass * segments + step.point;
                 effects[stretch].first += step.dose_s * by_step.dose;
                 doses[stretch] += step.dose_s;

@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use crate::bounded_lbfgs::{Smooth, StopRule, minimise};
 use crate::error::check_option;
 use crate::switching::switch_beam;
-use crate::{BeamPath, MillingError, MillingJob, TrackingError};
+use crate::{BeamPath, GradientMemory, MillingError, MillingJob, TrackingError};
 
 /// How passes are optimised.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -272,6 +272,7 @@ struct Controls<'a> {
     scale: f64,
     /// Tracking error of the point evaluated last, %.
     latest: &'a Cell<f64>,
+    memory: GradientMemory,
 }
 
 impl<'a> Controls<'a> {
@@ -300,6 +301,7 @@ impl<'a> Controls<'a> {
             scale: job.objective().value_of(&nothing),
             path,
             latest,
+            memory: GradientMemory::default(),
         }
     }
 
@@ -346,7 +348,8 @@ impl Smooth for Controls<'_> {
     fn value(&mut self, x: &[f64], gradient: &mut [f64]) -> Result<f64, MillingError> {
         self.set(x);
         let objective = self.job.objective();
-        let found = self.job.simulator().gradient(&self.path, self.start_um, objective)?;
+        let simulator = self.job.simulator();
+        let found = simulator.gradient(&self.path, self.start_um, objective, &mut self.memory)?;
         self.latest.set(objective.tracking_error(&found.depth_um)?.percent);
         let law = &self.job.profile().process.law;
         let reach_um = self.job.profile().process.footprint.reach_um();

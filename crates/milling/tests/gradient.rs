@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used)]
 
 use lasergym_milling::{
-    BeamPath, Direction, FeedSpeedLaw, Footprint, FootprintTable, Gradient, Grid, Objective,
-    Process, RasterLayout, RemovalLaw, Simulator, SlopeLaw, SlopeSign,
+    BeamPath, Direction, FeedSpeedLaw, Footprint, FootprintTable, Gradient, GradientMemory, Grid,
+    Objective, Process, RasterLayout, RemovalLaw, Simulator, SlopeLaw, SlopeSign,
 };
 use proptest::prelude::*;
 
@@ -76,7 +76,8 @@ fn any_case() -> impl Strategy<Value = Case> {
 }
 
 fn gradient(case: &Case) -> Gradient {
-    case.simulator.gradient(&case.path, &case.start_um, &case.objective).unwrap()
+    let memory = &mut GradientMemory::default();
+    case.simulator.gradient(&case.path, &case.start_um, &case.objective, memory).unwrap()
 }
 
 fn objective(case: &Case, path: &BeamPath) -> f64 {
@@ -156,5 +157,42 @@ proptest! {
         prop_assert_eq!(&adjoint.depth_um, &depth_um);
         let objective = case.objective.value(&depth_um).unwrap();
         prop_assert_eq!(adjoint.objective.to_bits(), objective.to_bits());
+    }
+}
+
+#[test]
+fn passes_beyond_the_tape_are_repeated_exactly() {
+    // Points so close that the derivatives of all steps are more than the tape holds.
+    let process = &processes()[0];
+    let grid = Grid::new(40, 1200, 25.0).unwrap();
+    let layout = RasterLayout {
+        first_x_um: 320.0,
+        spacing_um: 3.0,
+        points: 9000,
+        first_y_um: 470.0,
+        pitch_um: 30.0,
+        passes: 4,
+    };
+    let path = BeamPath::raster(&layout, 0.02).unwrap();
+    let simulator = Simulator::new(grid, process, 1).unwrap();
+    let cells: usize = 9000 * 4 * 3 * 20 * 20;
+    assert!(cells > lasergym_milling::MAX_TAPE_VALUES);
+    let objective = Objective::new(grid, vec![5.0; grid.len()], 0..40, 0..1200).unwrap();
+    let start_um = vec![0.0; grid.len()];
+    let memory = &mut GradientMemory::default();
+    let adjoint = simulator.gradient(&path, &start_um, &objective, memory).unwrap();
+    for (k, h) in [(4500, 2e-3), (13_500, 2e-3), (22_500, 2e-3), (31_500, 2e-3)] {
+        let difference = central_difference(h, |h| {
+            let mut path = path.clone();
+            path.dwell_s_mm[k] += h;
+            let mut depth_um = start_um.clone();
+            simulator.mill(&path, &mut depth_um).unwrap();
+            objective.value(&depth_um).unwrap()
+        });
+        assert!(
+            (adjoint.dwell[k] / difference - 1.0).abs() < 1e-5,
+            "{k}: {} and {difference}",
+            adjoint.dwell[k]
+        );
     }
 }
