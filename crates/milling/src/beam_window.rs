@@ -34,6 +34,17 @@ pub(crate) struct Scratch {
     pub(crate) second: Vec<f64>,
 }
 
+/// What a step knows of a row of its window.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BeamRow {
+    /// y − Y, µm.
+    pub(crate) distance_um: f64,
+    /// (y − Y)², µm².
+    pub(crate) square_um2: f64,
+    /// The footprint's factor of the row.
+    pub(crate) axis: f64,
+}
+
 impl Scratch {
     pub(crate) fn new(side: usize) -> Self {
         let row = vec![0.0; side];
@@ -99,6 +110,17 @@ impl BeamWindow {
             let distance_um = self.grid.x_um(column + k) - step.x_um;
             *square = distance_um * distance_um;
             *axis = radial.axis(distance_um);
+        }
+    }
+
+    /// What a step knows of the row at `row` of the grid.
+    #[inline(always)]
+    pub(crate) fn row<R: Radial>(&self, radial: R, step: &BeamStep, row: usize) -> BeamRow {
+        let distance_um = self.grid.y_um(row) - step.y_um;
+        BeamRow {
+            distance_um,
+            square_um2: distance_um * distance_um,
+            axis: radial.axis(distance_um),
         }
     }
 }

@@ -39,13 +39,11 @@ pub(crate) fn apply<R: Radial>(
     let (row, column) = window.corner(step);
     window.fill_columns(radial, step, column, scratch);
     for k in row..row + window.side {
-        let distance_um = window.grid.y_um(k) - step.y_um;
-        let square_y = distance_um * distance_um;
-        let axis_y = radial.axis(distance_um);
+        let across = window.row(radial, step, k);
         let cells = &mut depth[k * window.grid.columns + column..][..window.side];
         for ((cell, square), axis) in cells.iter_mut().zip(&scratch.squares_um2).zip(&scratch.axes)
         {
-            *cell += step.dose_s * radial.rate(square_y + square, *axis, axis_y);
+            *cell += step.dose_s * radial.rate(across.square_um2 + square, *axis, across.axis);
         }
     }
 }
@@ -64,9 +62,7 @@ pub(crate) fn apply_transpose<R: Radial>(
     scratch.dose_sums.fill(0.0);
     scratch.y_sums.fill(0.0);
     for k in row..row + window.side {
-        let distance_um = window.grid.y_um(k) - step.y_um;
-        let square_y = distance_um * distance_um;
-        let axis_y = radial.axis(distance_um);
+        let across = window.row(radial, step, k);
         let cells = &adjoint[k * window.grid.columns + column..][..window.side];
         for ((((cell, square), axis), dose), y) in cells
             .iter()
@@ -75,9 +71,10 @@ pub(crate) fn apply_transpose<R: Radial>(
             .zip(&mut scratch.dose_sums)
             .zip(&mut scratch.y_sums)
         {
-            let (rate, slope) = radial.rate_and_slope(square_y + square, *axis, axis_y);
+            let (rate, slope) =
+                radial.rate_and_slope(across.square_um2 + square, *axis, across.axis);
             *dose += cell * rate;
-            *y += cell * slope * distance_um;
+            *y += cell * slope * across.distance_um;
         }
     }
     StepGradient {
@@ -99,15 +96,14 @@ pub(crate) fn apply_tangent<R: Radial>(
     let (row, column) = window.corner(step);
     window.fill_columns(radial, step, column, scratch);
     for k in row..row + window.side {
-        let distance_um = window.grid.y_um(k) - step.y_um;
-        let square_y = distance_um * distance_um;
-        let axis_y = radial.axis(distance_um);
+        let across = window.row(radial, step, k);
         let cells = &mut tangent[k * window.grid.columns + column..][..window.side];
         for ((cell, square), axis) in cells.iter_mut().zip(&scratch.squares_um2).zip(&scratch.axes)
         {
-            let (rate, slope) = radial.rate_and_slope(square_y + square, *axis, axis_y);
-            *cell +=
-                direction.dose_s * rate - 2.0 * step.dose_s * direction.y_um * slope * distance_um;
+            let (rate, slope) =
+                radial.rate_and_slope(across.square_um2 + square, *axis, across.axis);
+            *cell += direction.dose_s * rate
+                - 2.0 * step.dose_s * direction.y_um * slope * across.distance_um;
         }
     }
 }

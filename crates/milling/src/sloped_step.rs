@@ -106,16 +106,14 @@ pub(crate) fn apply<R: Radial>(
     window.fill_columns(radial, step, column, scratch);
     let side = window.side;
     for k in 0..side {
-        let distance_um = window.grid.y_um(row + k) - step.y_um;
-        let square_y = distance_um * distance_um;
-        let axis_y = radial.axis(distance_um);
+        let across = window.row(radial, step, row + k);
         let (above, middle, below) = neighbours(depth, window, row + k, column);
         let (squares, axes) = (&scratch.squares_um2[..side], &scratch.axes[..side]);
         let removed = &mut scratch.first[k * side..][..side];
         for i in 0..side {
             let p = (middle[i + 2] - middle[i]) * law.half_per_cell;
             let q = (below[i] - above[i]) * law.half_per_cell;
-            let rate = radial.rate(square_y + squares[i], axes[i], axis_y);
+            let rate = radial.rate(across.square_um2 + squares[i], axes[i], across.axis);
             removed[i] = step.dose_s * rate * law.factor(p, q);
         }
     }
@@ -137,9 +135,7 @@ pub(crate) fn apply_taped<R: Radial>(
     window.fill_columns(radial, step, column, scratch);
     let side = window.side;
     for k in 0..side {
-        let distance_um = window.grid.y_um(row + k) - step.y_um;
-        let square_y = distance_um * distance_um;
-        let axis_y = radial.axis(distance_um);
+        let across = window.row(radial, step, row + k);
         let (above, middle, below) = neighbours(depth, window, row + k, column);
         let (squares, axes) = (&scratch.squares_um2[..side], &scratch.axes[..side]);
         let removed = &mut scratch.first[k * side..][..side];
@@ -149,7 +145,7 @@ pub(crate) fn apply_taped<R: Radial>(
         for i in 0..side {
             let p = (middle[i + 2] - middle[i]) * law.half_per_cell;
             let q = (below[i] - above[i]) * law.half_per_cell;
-            let rate = radial.rate(square_y + squares[i], axes[i], axis_y);
+            let rate = radial.rate(across.square_um2 + squares[i], axes[i], across.axis);
             let (factor, slope) = law.factor_and_slope(p, q);
             let scaled = step.dose_s * rate * slope * law.half_per_cell;
             removed[i] = step.dose_s * rate * factor;
@@ -178,9 +174,7 @@ pub(crate) fn apply_transpose<R: Radial>(
     scratch.y_sums.fill(0.0);
     let (side, columns) = (window.side, window.grid.columns);
     for k in 0..side {
-        let distance_um = window.grid.y_um(row + k) - step.y_um;
-        let square_y = distance_um * distance_um;
-        let axis_y = radial.axis(distance_um);
+        let across = window.row(radial, step, row + k);
         let cells = &adjoint[(row + k) * columns + column..][..side];
         let (squares, axes) = (&scratch.squares_um2[..side], &scratch.axes[..side]);
         let (dose, y) = (&mut scratch.dose_sums[..side], &mut scratch.y_sums[..side]);
@@ -190,10 +184,11 @@ pub(crate) fn apply_transpose<R: Radial>(
         let first = &mut scratch.first[k * side..][..side];
         let second = &mut scratch.second[k * side..][..side];
         for i in 0..side {
-            let (rate, slope) = radial.rate_and_slope(square_y + squares[i], axes[i], axis_y);
+            let (rate, slope) =
+                radial.rate_and_slope(across.square_um2 + squares[i], axes[i], across.axis);
             let weighted = cells[i] * factors[i];
             dose[i] += weighted * rate;
-            y[i] += weighted * slope * distance_um;
+            y[i] += weighted * slope * across.distance_um;
             first[i] = cells[i] * along_x[i];
             second[i] = cells[i] * along_y[i];
         }
@@ -216,7 +211,7 @@ pub(crate) fn apply_transpose<R: Radial>(
 /// Turns a small change of the depth before the step, and of the step, into the change after it.
 /// `depth` is the depth before the step.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, reason = "a step, its change, and the fields of both")]
 pub(crate) fn apply_tangent<R: Radial>(
     window: &BeamWindow,
     radial: R,
@@ -231,9 +226,7 @@ pub(crate) fn apply_tangent<R: Radial>(
     window.fill_columns(radial, step, column, scratch);
     let side = window.side;
     for k in 0..side {
-        let distance_um = window.grid.y_um(row + k) - step.y_um;
-        let square_y = distance_um * distance_um;
-        let axis_y = radial.axis(distance_um);
+        let across = window.row(radial, step, row + k);
         let (above, middle, below) = neighbours(depth, window, row + k, column);
         let (over, along, under) = neighbours(tangent, window, row + k, column);
         let change = &mut scratch.first[k * side..][..side];
@@ -242,12 +235,15 @@ pub(crate) fn apply_tangent<R: Radial>(
             let q = (below[i] - above[i]) * law.half_per_cell;
             let dp = (along[i + 2] - along[i]) * law.half_per_cell;
             let dq = (under[i] - over[i]) * law.half_per_cell;
-            let (rate, rate_slope) =
-                radial.rate_and_slope(square_y + scratch.squares_um2[i], scratch.axes[i], axis_y);
+            let (rate, rate_slope) = radial.rate_and_slope(
+                across.square_um2 + scratch.squares_um2[i],
+                scratch.axes[i],
+                across.axis,
+            );
             let (factor, slope) = law.factor_and_slope(p, q);
             change[i] = step.dose_s * rate * slope * (p * dp + q * dq)
                 + direction.dose_s * rate * factor
-                - 2.0 * step.dose_s * direction.y_um * factor * rate_slope * distance_um;
+                - 2.0 * step.dose_s * direction.y_um * factor * rate_slope * across.distance_um;
         }
     }
     add_window(window, row, column, &scratch.first, tangent);

@@ -1,5 +1,5 @@
 //! Synthetic trenches with noise give back the process that cut them.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests may unwrap")]
 
 use lasergym_milling::{
     FeedSpeedLaw, Footprint, MillingError, Process, Profile, RemovalLaw, SlopeLaw, Trench,

@@ -1,5 +1,5 @@
 //! The adjoint against central differences and against the forward mode.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests may unwrap")]
 
 use lasergym_milling::{
     BeamPath, Direction, FeedSpeedLaw, Footprint, FootprintTable, Gradient, GradientMemory, Grid,

@@ -1,5 +1,5 @@
 //! The inverse solver on small targets.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests may unwrap")]
 
 use std::ops::ControlFlow;
 
