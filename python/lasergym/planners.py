@@ -24,6 +24,7 @@ __all__ = [
     "PlannerName",
     "ProgressCallback",
     "Score",
+    "learned_policy",
     "plan",
     "score",
     "shortest_order",
@@ -186,11 +187,7 @@ def plan(
         PolicyError: The policy cannot be read.
     """
     remaining = as_target(target)
-    learned = planner in LEARNED_PLANNERS
-    if policy is not None and not learned:
-        raise OptionError(f"policy is {policy}, but only {' and '.join(LEARNED_PLANNERS)} take one")
-    if learned and not isinstance(policy, Policy):
-        policy = Policy.load(policy or "random-shape")
+    learned = learned_policy(planner, policy)
     settings = {
         "planner": planner,
         "pulse_radius_px": pulse_radius_px,
@@ -203,7 +200,7 @@ def plan(
         "threads": integer_in("threads", threads, 1, 1024),
         "restarts": integer_in("restarts", restarts, 1, 10_000),
         "start": None if start is None else positions(start),
-        "policy": policy.native if isinstance(policy, Policy) else None,
+        "policy": None if learned is None else learned.native,
     }
     started_s = time.perf_counter()
     xy_px, reward, machined_fraction, off_target_fraction, partial = _native.plan(
@@ -212,6 +209,28 @@ def plan(
     elapsed_s = time.perf_counter() - started_s
     figures = Score(reward, machined_fraction, off_target_fraction, len(xy_px))
     return Plan(planner, xy_px, pulse_radius_px, figures, elapsed_s, partial)
+
+
+def learned_policy(planner: str, policy: Policy | PolicyName | str | Path | None) -> Policy | None:
+    """The policy that a planner uses.
+
+    Args:
+        planner: Name of the planner.
+        policy: A policy, the name of a shipped one or of a file. None: ``"random-shape"`` for
+            planners that need one.
+
+    Returns:
+        The policy; None for planners without one.
+
+    Raises:
+        OptionError: The planner takes no policy.
+        PolicyError: The policy cannot be read.
+    """
+    if planner in LEARNED_PLANNERS:
+        return policy if isinstance(policy, Policy) else Policy.load(policy or "random-shape")
+    if policy is not None:
+        raise OptionError(f"policy is {policy}, but only {' and '.join(LEARNED_PLANNERS)} take one")
+    return None
 
 
 def score(target: TargetLike, xy_px: ArrayLike, pulse_radius_px: float = 9.0) -> Score:

@@ -9,7 +9,8 @@ import pytest
 import lasergym
 from lasergym import _native
 from lasergym.cli import main
-from lasergym.disturbances import StudyOptions, StudyProgress, run_study
+from lasergym.comparison import Progress
+from lasergym.disturbances import StudyOptions, run_study
 from lasergym.disturbances.trials import DISPLACED_PULSE, Trial, grid_position_px, run_trial
 from lasergym.errors import OptionError
 from lasergym.machine import Deciding
@@ -90,7 +91,7 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
     class StoppedError(Exception):
         pass
 
-    def stop(progress: StudyProgress) -> None:
+    def stop(progress: Progress) -> None:
         if progress.done == 7:
             raise StoppedError
 
@@ -98,7 +99,7 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
         run_study(SMALL, tmp_path / "cut", stop)
     path = tmp_path / "cut" / "results.csv"
     path.write_bytes(path.read_bytes()[:-9])  # a line that was cut off
-    first: list[StudyProgress] = []
+    first: list[Progress] = []
     study = run_study(SMALL, tmp_path / "cut", first.append)
     assert first[0].done == 6
     whole = run_study(SMALL, tmp_path / "whole")

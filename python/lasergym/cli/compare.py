@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, cast
 
 import typer
 from rich.table import Table
 
+from lasergym.cli.options import option
 from lasergym.cli.output import (
     note,
     print_data,
@@ -27,10 +28,6 @@ _WORK = "Work"
 _EFFORT = "Planners"
 
 
-def _option(*names: str, help: str, panel: str | None = None) -> Any:  # noqa: A002
-    return typer.Option(*names, help=help, rich_help_panel=panel)
-
-
 def compare(
     folders: Annotated[
         list[Path] | None,
@@ -38,50 +35,50 @@ def compare(
     ] = None,
     task: Annotated[
         list[str] | None,
-        _option(
+        option(
             "--task",
             help="star, rotated-star, random-shapes, or folder DIR; may be repeated. "
             "Default: star, or the folders where given.",
         ),
     ] = None,
     output: Annotated[
-        Path, _option("-o", "--output", help="Folder for results, tables and pictures.")
+        Path, option("-o", "--output", help="Folder for results, tables and pictures.")
     ] = Path("comparison"),
     angles: Annotated[
-        int, _option("--angles", help="Angles of the rotated star, from 1 to 360.")
+        int, option("--angles", help="Angles of the rotated star, from 1 to 360.")
     ] = 360,
     shapes: Annotated[
-        int, _option("--shapes", help="Random shapes in each of the 7 area classes.")
+        int, option("--shapes", help="Random shapes in each of the 7 area classes.")
     ] = 100,
     max_pulses: Annotated[
         str | None,
-        _option(
+        option(
             "--max-pulses",
             help="Pulse budget, like 45 or area/125. Default: 45, random shapes area/125.",
         ),
     ] = None,
     planners: Annotated[
-        str, _option("--planners", help="Columns, separated by commas.", panel=_EFFORT)
+        str, option("--planners", help="Columns, separated by commas.", panel=_EFFORT)
     ] = ",".join(DEFAULT_PLANNERS),
     anneal_s: Annotated[
-        float, _option("--anneal-s", help="Time of anneal on a target, s.", panel=_EFFORT)
+        float, option("--anneal-s", help="Time of anneal on a target, s.", panel=_EFFORT)
     ] = 1.0,
     cma_es_s: Annotated[
-        float, _option("--cma-es-s", help="Time of CMA-ES on a target, s.", panel=_EFFORT)
+        float, option("--cma-es-s", help="Time of CMA-ES on a target, s.", panel=_EFFORT)
     ] = 60.0,
     anneal_iterations: Annotated[
         int | None,
-        _option("--anneal-iterations", help="Moves of anneal instead of its time.", panel=_EFFORT),
+        option("--anneal-iterations", help="Moves of anneal instead of its time.", panel=_EFFORT),
     ] = None,
     cma_es_iterations: Annotated[
         int | None,
-        _option(
+        option(
             "--cma-es-iterations", help="Evaluations of CMA-ES instead of its time.", panel=_EFFORT
         ),
     ] = None,
     policy: Annotated[
         str | None,
-        _option(
+        option(
             "--policy",
             help="For policy and agent-mpc: star, rotated-star, random-shape, or a file. "
             "Default: the one trained for the task.",
@@ -89,26 +86,26 @@ def compare(
         ),
     ] = None,
     seed: Annotated[
-        int, _option("--seed", help="Every item's seed derives from it.", panel=_EFFORT)
+        int, option("--seed", help="Every item's seed derives from it.", panel=_EFFORT)
     ] = 0,
     jobs: Annotated[
         int | None,
-        _option("--jobs", help="Worker processes; default: one per processor.", panel=_WORK),
+        option("--jobs", help="Worker processes; default: one per processor.", panel=_WORK),
     ] = None,
     ray: Annotated[
         str | None,
-        _option(
+        option(
             "--ray",
             help="Let a Ray cluster do the work: local (start one here), auto or its address.",
             panel=_WORK,
         ),
     ] = None,
     pictures: Annotated[
-        bool, _option("--pictures/--no-pictures", help="Draw pictures (needs Matplotlib).")
+        bool, option("--pictures/--no-pictures", help="Draw pictures (needs Matplotlib).")
     ] = True,
     show: Annotated[
         list[str] | None,
-        _option("--show", help="Target whose trajectories are drawn; may be repeated."),
+        option("--show", help="Target whose trajectories are drawn; may be repeated."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the table as JSON.")] = False,
 ) -> None:

@@ -13,7 +13,8 @@ from lasergym.cli.output import (
     rounded_time,
     table,
 )
-from lasergym.disturbances import Study, StudyOptions, StudyProgress, draw_figures, run_study
+from lasergym.comparison import Progress
+from lasergym.disturbances import Study, StudyOptions, draw_figures, run_study
 from lasergym.disturbances.study import CONTESTANTS
 from lasergym.disturbances.trials import CONTINUOUS
 
@@ -61,7 +62,7 @@ def disturb(
     )
     with progress_bar("disturbing") as bar:
 
-        def show(progress: StudyProgress) -> None:
+        def show(progress: Progress) -> None:
             text = f"disturbing: {progress.done} of {progress.total}"
             if progress.remaining_s is not None:
                 text += f", {rounded_time(progress.remaining_s)} left"

@@ -2,10 +2,11 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from lasergym.cli.options import option
 from lasergym.cli.output import note, print_data, print_json, progress_bar, table
 from lasergym.comparison import CompareOptions, PulseBudget
 from lasergym.comparison.tasks import TaskName
@@ -26,10 +27,6 @@ _TASKS: dict[str, TaskName] = {
 }
 
 
-def _option(*names: str, help: str, panel: str | None = None) -> Any:  # noqa: A002
-    return typer.Option(*names, help=help, rich_help_panel=panel)
-
-
 def evaluate(
     model: Annotated[
         Path, typer.Argument(metavar="RUN_OR_MODEL", help="Folder of a run, or a model's .zip.")
@@ -40,47 +37,47 @@ def evaluate(
     ] = None,
     task: Annotated[
         list[str] | None,
-        _option(
+        option(
             "--task",
             help="star, rotated-star, random-shapes, or folder DIR; may be repeated. "
             "Default: what the agent was trained on.",
         ),
     ] = None,
     output: Annotated[
-        Path | None, _option("-o", "--output", help="Write the report to this JSON file.")
+        Path | None, option("-o", "--output", help="Write the report to this JSON file.")
     ] = None,
     angles: Annotated[
-        int, _option("--angles", help="Angles of the rotated star, from 1 to 360.")
+        int, option("--angles", help="Angles of the rotated star, from 1 to 360.")
     ] = 360,
     shapes: Annotated[
-        int, _option("--shapes", help="Random shapes in each of the 7 area classes.")
+        int, option("--shapes", help="Random shapes in each of the 7 area classes.")
     ] = 100,
     max_pulses: Annotated[
         str | None,
-        _option(
+        option(
             "--max-pulses",
             help="Pulse budget, like 45 or area/125. Default: 45, random shapes area/125.",
         ),
     ] = None,
     batch: Annotated[
         int,
-        _option("--batch", help="Targets that the agent works on at once; 1 times a single one."),
+        option("--batch", help="Targets that the agent works on at once; 1 times a single one."),
     ] = 64,
     planners: Annotated[
-        str, _option("--planners", help="Other columns, separated by commas.", panel=_EFFORT)
+        str, option("--planners", help="Other columns, separated by commas.", panel=_EFFORT)
     ] = "greedy",
     anneal_s: Annotated[
-        float, _option("--anneal-s", help="Time of anneal on a target, s.", panel=_EFFORT)
+        float, option("--anneal-s", help="Time of anneal on a target, s.", panel=_EFFORT)
     ] = 1.0,
     cma_es_s: Annotated[
-        float, _option("--cma-es-s", help="Time of CMA-ES on a target, s.", panel=_EFFORT)
+        float, option("--cma-es-s", help="Time of CMA-ES on a target, s.", panel=_EFFORT)
     ] = 60.0,
     anneal_iterations: Annotated[
         int | None,
-        _option("--anneal-iterations", help="Moves of anneal instead of its time.", panel=_EFFORT),
+        option("--anneal-iterations", help="Moves of anneal instead of its time.", panel=_EFFORT),
     ] = None,
     seed: Annotated[
-        int, _option("--seed", help="The planners' seeds derive from it.", panel=_EFFORT)
+        int, option("--seed", help="The planners' seeds derive from it.", panel=_EFFORT)
     ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:

@@ -10,6 +10,14 @@ from typing import Annotated, Any, cast
 import typer
 
 from lasergym.cli.drivers_file import drivers_from
+from lasergym.cli.options import (
+    FitOption,
+    InkOption,
+    InvertOption,
+    MarginOption,
+    ThresholdOption,
+    option,
+)
 from lasergym.cli.output import note, print_data, print_json, progress_bar, table
 from lasergym.cli.target_name import read_target
 from lasergym.errors import OptionError
@@ -29,15 +37,10 @@ from lasergym.machine.report import REPORT_FILES
 __all__ = ["exit_code", "machine", "print_job", "shown", "stop_on_signals"]
 
 _DECIDING = "Deciding"
-_DRAWING = "Drawing"
 _SIMULATED = "Simulated machine"
 _REAL = "Real machine"
 
 _PLANNERS = ("greedy", "policy", "agent-mpc", "anneal")
-
-
-def _option(*names: str, help: str, panel: str | None = None) -> Any:  # noqa: A002
-    return typer.Option(*names, help=help, rich_help_panel=panel)
 
 
 def machine(
@@ -49,26 +52,26 @@ def machine(
         ),
     ] = None,
     output: Annotated[
-        Path | None, _option("-o", "--output", help="New folder for journal, frames and report.")
+        Path | None, option("-o", "--output", help="New folder for journal, frames and report.")
     ] = None,
     resume: Annotated[
-        Path | None, _option("--resume", help="Go on with the job in this folder.")
+        Path | None, option("--resume", help="Go on with the job in this folder.")
     ] = None,
     preset: Annotated[
-        str, _option("--preset", help=f"One of {', '.join(PRESETS)}.", panel=_SIMULATED)
+        str, option("--preset", help=f"One of {', '.join(PRESETS)}.", panel=_SIMULATED)
     ] = "lab",
     effect: Annotated[
         list[str] | None,
-        _option(
+        option(
             "--effect", help="Another error, like backlash_um=2; may be repeated.", panel=_SIMULATED
         ),
     ] = None,
     planner: Annotated[
-        str, _option("--planner", help=f"One of {', '.join(_PLANNERS)}.", panel=_DECIDING)
+        str, option("--planner", help=f"One of {', '.join(_PLANNERS)}.", panel=_DECIDING)
     ] = "anneal",
     policy: Annotated[
         str | None,
-        _option(
+        option(
             "--policy",
             help="For policy and agent-mpc: star, rotated-star, random-shape, or a file.",
             panel=_DECIDING,
@@ -76,18 +79,18 @@ def machine(
     ] = None,
     thinking_s: Annotated[
         float,
-        _option(
+        option(
             "--thinking-s", help="Time before each pulse of anneal, agent-mpc, s.", panel=_DECIDING
         ),
     ] = 0.05,
-    seed: Annotated[int, _option("--seed", help="Seed of planner and simulated machine.")] = 0,
-    max_pulses: Annotated[int, _option("--max-pulses", help="Most pulses that may be used.")] = 45,
+    seed: Annotated[int, option("--seed", help="Seed of planner and simulated machine.")] = 0,
+    max_pulses: Annotated[int, option("--max-pulses", help="Most pulses that may be used.")] = 45,
     pulse_radius_um: Annotated[
-        float, _option("--pulse-radius-um", help="Radius of the mark of one pulse, µm.")
+        float, option("--pulse-radius-um", help="Radius of the mark of one pulse, µm.")
     ] = 9.0,
     drivers: Annotated[
         Path | None,
-        _option(
+        option(
             "--drivers",
             help="Python file whose connect() gives stage, laser and camera.",
             panel=_REAL,
@@ -95,35 +98,25 @@ def machine(
     ] = None,
     calibration: Annotated[
         Path | None,
-        _option("--calibration", help="Calibration file of camera and stage.", panel=_REAL),
+        option("--calibration", help="Calibration file of camera and stage.", panel=_REAL),
     ] = None,
     tolerance_um: Annotated[
         float,
-        _option("--tolerance-um", help="Largest error of the stage when firing, µm.", panel=_REAL),
+        option("--tolerance-um", help="Largest error of the stage when firing, µm.", panel=_REAL),
     ] = 0.5,
     exposure_s: Annotated[
-        float | None, _option("--exposure-s", help="Exposure of the camera, s.", panel=_REAL)
+        float | None, option("--exposure-s", help="Exposure of the camera, s.", panel=_REAL)
     ] = None,
     arm: Annotated[
         bool,
-        _option("--arm", help="Let real drivers fire; without it, a dry run.", panel=_REAL),
+        option("--arm", help="Let real drivers fire; without it, a dry run.", panel=_REAL),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
-    margin_px: Annotated[
-        float, _option("--margin-px", help="Free border on each side, px.", panel=_DRAWING)
-    ] = 5.0,
-    threshold: Annotated[
-        float, _option("--threshold", help="Ink that makes a pixel target, (0, 1].", panel=_DRAWING)
-    ] = 0.5,
-    ink: Annotated[
-        str, _option("--ink", help="What is ink: auto, luminance or alpha.", panel=_DRAWING)
-    ] = "auto",
-    invert: Annotated[
-        bool, _option("--invert", help="Machine what is not ink.", panel=_DRAWING)
-    ] = False,
-    fit: Annotated[
-        str, _option("--fit", help="scale to the workpiece, or exact pixels.", panel=_DRAWING)
-    ] = "scale",
+    margin_px: MarginOption = 5.0,
+    threshold: ThresholdOption = 0.5,
+    ink: InkOption = "auto",
+    invert: InvertOption = False,
+    fit: FitOption = "scale",
 ) -> None:
     """Machine a drawing pulse by pulse, correcting what the camera sees.
 

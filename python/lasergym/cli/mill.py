@@ -12,6 +12,7 @@ import typer
 import lasergym
 from lasergym import milling
 from lasergym.cli.mill_figures import draw_figures
+from lasergym.cli.options import option
 from lasergym.cli.output import note, print_data, print_json, progress_bar, table
 from lasergym.errors import OptionError
 from lasergym.milling import MillingResult
@@ -23,10 +24,6 @@ _SOLVER = "Solver"
 _MACHINE = "Machine"
 
 
-def _option(*names: str, help: str, panel: str | None = None) -> Any:  # noqa: A002
-    return typer.Option(*names, help=help, rich_help_panel=panel)
-
-
 def mill(
     target: Annotated[
         Path,
@@ -34,47 +31,47 @@ def mill(
     ],
     output: Annotated[
         Path | None,
-        _option("-o", "--output", help="Folder for passes, surface, pictures and report."),
+        option("-o", "--output", help="Folder for passes, surface, pictures and report."),
     ] = None,
     process: Annotated[
         str,
-        _option("--process", help=f"{', '.join(milling.PROCESSES)}, or a TOML profile."),
+        option("--process", help=f"{', '.join(milling.PROCESSES)}, or a TOML profile."),
     ] = "laser-graphite",
     pixel_um: Annotated[
-        float | None, _option("--pixel-um", help="Side of a pixel, µm.", panel=_TARGET)
+        float | None, option("--pixel-um", help="Side of a pixel, µm.", panel=_TARGET)
     ] = None,
     width_mm: Annotated[
         float | None,
-        _option("--width-mm", help="Width instead of --pixel-um, mm.", panel=_TARGET),
+        option("--width-mm", help="Width instead of --pixel-um, mm.", panel=_TARGET),
     ] = None,
     depth_um: Annotated[
         float | None,
-        _option(
+        option(
             "--depth-um",
             help="Depth between highest and lowest, µm; default: the values are depths in µm.",
             panel=_TARGET,
         ),
     ] = None,
     base_um: Annotated[
-        float, _option("--base-um", help="Depth of the shallowest place, µm.", panel=_TARGET)
+        float, option("--base-um", help="Depth of the shallowest place, µm.", panel=_TARGET)
     ] = 0.0,
     high_sinks: Annotated[
-        bool, _option("--high-sinks", help="The highest values are deepest.", panel=_TARGET)
+        bool, option("--high-sinks", help="The highest values are deepest.", panel=_TARGET)
     ] = False,
     layers: Annotated[
-        int | None, _option("--layers", help="Layers; default: as needed.", panel=_SOLVER)
+        int | None, option("--layers", help="Layers; default: as needed.", panel=_SOLVER)
     ] = None,
     iterations: Annotated[
-        int, _option("--iterations", help="Most iterations on straight passes.", panel=_SOLVER)
+        int, option("--iterations", help="Most iterations on straight passes.", panel=_SOLVER)
     ] = 45,
     free_iterations: Annotated[
         int,
-        _option("--free-iterations", help="And on free passes; 0: straight.", panel=_SOLVER),
+        option("--free-iterations", help="And on free passes; 0: straight.", panel=_SOLVER),
     ] = 30,
     power: Annotated[
-        float, _option("--power", help="Power, as the word S of GRBL.", panel=_MACHINE)
+        float, option("--power", help="Power, as the word S of GRBL.", panel=_MACHINE)
     ] = 1000.0,
-    as_json: Annotated[bool, _option("--json", help="Print the report as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Find the passes that mill a depth map with a laser or a waterjet.
 

@@ -6,6 +6,14 @@ from typing import Annotated, Any, cast
 import typer
 
 import lasergym
+from lasergym.cli.options import (
+    FitOption,
+    InkOption,
+    InvertOption,
+    MarginOption,
+    ThresholdOption,
+    option,
+)
 from lasergym.cli.output import note, print_data, print_json, progress_bar
 from lasergym.cli.plan_files import check_files, write_file
 from lasergym.cli.plan_report import judge
@@ -17,12 +25,7 @@ from lasergym.programs import GcodeOptions, StageDynamics, WorkpieceFrame
 __all__ = ["plan"]
 
 _SEARCH = "Search"
-_DRAWING = "Drawing"
 _MACHINE = "Machine"
-
-
-def _option(*names: str, help: str, panel: str | None = None) -> Any:  # noqa: A002
-    return typer.Option(*names, help=help, rich_help_panel=panel)
 
 
 def plan(
@@ -33,101 +36,88 @@ def plan(
             help="A PNG, JPEG, SVG or DXF drawing, or star, star:30 (°), random-shape:7 (seed).",
         ),
     ],
-    planner: Annotated[str, _option("--planner", help=f"One of {', '.join(PLANNERS)}.")] = "anneal",
-    max_pulses: Annotated[int, _option("--max-pulses", help="Most pulses that may be used.")] = 45,
+    planner: Annotated[str, option("--planner", help=f"One of {', '.join(PLANNERS)}.")] = "anneal",
+    max_pulses: Annotated[int, option("--max-pulses", help="Most pulses that may be used.")] = 45,
     pulse_radius_um: Annotated[
-        float, _option("--pulse-radius-um", help="Radius of the mark of one pulse, µm.")
+        float, option("--pulse-radius-um", help="Radius of the mark of one pulse, µm.")
     ] = 9.0,
     output: Annotated[
         list[Path] | None,
-        _option(
+        option(
             "-o",
             "--output",
             help="Write .csv, .nc or .gcode (GRBL), .svg, .png or .json; may be repeated.",
         ),
     ] = None,
     preview: Annotated[
-        Path | None, _option("--preview", help="Write a picture of the plan, .png or .svg.")
+        Path | None, option("--preview", help="Write a picture of the plan, .png or .svg.")
     ] = None,
     policy: Annotated[
         str | None,
-        _option(
+        option(
             "--policy",
             help="For policy and agent-mpc: star, rotated-star, random-shape, or a file. "
             "Default: random-shape.",
         ),
     ] = None,
-    seed: Annotated[int, _option("--seed", help="Seed of anneal and cma-es.", panel=_SEARCH)] = 0,
+    seed: Annotated[int, option("--seed", help="Seed of anneal and cma-es.", panel=_SEARCH)] = 0,
     budget_s: Annotated[
         float | None,
-        _option("--budget-s", help="Time, s; default: 1 for anneal, 60 for cma-es.", panel=_SEARCH),
+        option("--budget-s", help="Time, s; default: 1 for anneal, 60 for cma-es.", panel=_SEARCH),
     ] = None,
     iterations: Annotated[
         int | None,
-        _option(
-            "--iterations", help="Work instead of time: the same plan anywhere.", panel=_SEARCH
-        ),
+        option("--iterations", help="Work instead of time: the same plan anywhere.", panel=_SEARCH),
     ] = None,
     threads: Annotated[
-        int, _option("--threads", help="Threads of anneal and cma-es.", panel=_SEARCH)
+        int, option("--threads", help="Threads of anneal and cma-es.", panel=_SEARCH)
     ] = 1,
     restarts: Annotated[
-        int, _option("--restarts", help="Runs of anneal, of which the best counts.", panel=_SEARCH)
+        int, option("--restarts", help="Runs of anneal, of which the best counts.", panel=_SEARCH)
     ] = 1,
     keep_order: Annotated[
         bool,
-        _option("--keep-order", help="Fire as planned, not by shortest travel.", panel=_SEARCH),
+        option("--keep-order", help="Fire as planned, not by shortest travel.", panel=_SEARCH),
     ] = False,
     as_json: Annotated[
         bool,
-        _option("--json", help="Print the report as JSON; with FILE.json, write it there."),
+        option("--json", help="Print the report as JSON; with FILE.json, write it there."),
     ] = False,
-    margin_px: Annotated[
-        float, _option("--margin-px", help="Free border on each side, px.", panel=_DRAWING)
-    ] = 5.0,
-    threshold: Annotated[
-        float, _option("--threshold", help="Ink that makes a pixel target, (0, 1].", panel=_DRAWING)
-    ] = 0.5,
-    ink: Annotated[
-        str, _option("--ink", help="What is ink: auto, luminance or alpha.", panel=_DRAWING)
-    ] = "auto",
-    invert: Annotated[
-        bool, _option("--invert", help="Machine what is not ink.", panel=_DRAWING)
-    ] = False,
-    fit: Annotated[
-        str,
-        _option("--fit", help="scale to the workpiece, or exact pixels.", panel=_DRAWING),
-    ] = "scale",
+    margin_px: MarginOption = 5.0,
+    threshold: ThresholdOption = 0.5,
+    ink: InkOption = "auto",
+    invert: InvertOption = False,
+    fit: FitOption = "scale",
     pixel_um: Annotated[
-        float, _option("--pixel-um", help="Side of a pixel, µm.", panel=_MACHINE)
+        float, option("--pixel-um", help="Side of a pixel, µm.", panel=_MACHINE)
     ] = 1.0,
     power: Annotated[
-        float, _option("--power", help="Laser power, as the word S of GRBL.", panel=_MACHINE)
+        float, option("--power", help="Laser power, as the word S of GRBL.", panel=_MACHINE)
     ] = 1000.0,
     dwell_s: Annotated[
-        float, _option("--dwell-s", help="Time the laser is on for a pulse, s.", panel=_MACHINE)
+        float, option("--dwell-s", help="Time the laser is on for a pulse, s.", panel=_MACHINE)
     ] = 0.05,
     settling_s: Annotated[
-        float, _option("--settling-s", help="Wait before each pulse, s.", panel=_MACHINE)
+        float, option("--settling-s", help="Wait before each pulse, s.", panel=_MACHINE)
     ] = 0.05,
     feed_mm_min: Annotated[
         float | None,
-        _option("--feed-mm-min", help="Feed rate of moves; default: rapid moves.", panel=_MACHINE),
+        option("--feed-mm-min", help="Feed rate of moves; default: rapid moves.", panel=_MACHINE),
     ] = None,
     origin_x_mm: Annotated[
-        float, _option("--origin-x-mm", help="Left edge of the workpiece, mm.", panel=_MACHINE)
+        float, option("--origin-x-mm", help="Left edge of the workpiece, mm.", panel=_MACHINE)
     ] = 0.0,
     origin_y_mm: Annotated[
-        float, _option("--origin-y-mm", help="Edge of lowest y, mm.", panel=_MACHINE)
+        float, option("--origin-y-mm", help="Edge of lowest y, mm.", panel=_MACHINE)
     ] = 0.0,
     y_axis: Annotated[
-        str, _option("--y-axis", help="Sense of the machine's y: up or down.", panel=_MACHINE)
+        str, option("--y-axis", help="Sense of the machine's y: up or down.", panel=_MACHINE)
     ] = "up",
     speed_um_s: Annotated[
-        float, _option("--speed-um-s", help="Highest speed of the stage, µm/s.", panel=_MACHINE)
+        float, option("--speed-um-s", help="Highest speed of the stage, µm/s.", panel=_MACHINE)
     ] = 5000.0,
     acceleration_um_s2: Annotated[
-        float, _option("--acceleration-um-s2", help="Of the stage, µm/s².", panel=_MACHINE)
+        float, option("--acceleration-um-s2", help="Of the stage, µm/s².", panel=_MACHINE)
     ] = 50_000.0,
 ) -> None:
     """Plan the pulses that machine a drawing.

@@ -25,7 +25,7 @@ __all__ = ["Comparison", "Progress", "compare"]
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a comparison is.
+    """How far work of many items is.
 
     Attributes:
         done: Items that are finished, those of earlier runs included.

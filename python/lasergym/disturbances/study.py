@@ -15,6 +15,7 @@ import numpy as np
 
 import lasergym
 from lasergym import targets
+from lasergym.comparison import Progress
 from lasergym.disturbances.trials import (
     CONTINUOUS,
     GRID_SIDE,
@@ -29,7 +30,7 @@ from lasergym.planners import Plan, Score
 from lasergym.policy import Policy
 from lasergym.targets import Target
 
-__all__ = ["CONTESTANTS", "Study", "StudyOptions", "StudyProgress", "run_study"]
+__all__ = ["CONTESTANTS", "Study", "StudyOptions", "run_study"]
 
 CONTESTANTS: dict[str, str] = {
     "closed": "closed loop",
@@ -92,21 +93,6 @@ class StudyOptions:
 
 
 @dataclass(frozen=True)
-class StudyProgress:
-    """How far a study is.
-
-    Attributes:
-        done: Trials that are finished, those of earlier runs included.
-        total: All trials.
-        remaining_s: Expected time to the end, s; None before the first trial of this run.
-    """
-
-    done: int
-    total: int
-    remaining_s: float | None
-
-
-@dataclass(frozen=True)
 class Study:
     """What a study has found.
 
@@ -157,7 +143,7 @@ class Study:
 def run_study(
     options: StudyOptions,
     output: str | os.PathLike[str],
-    progress: Callable[[StudyProgress], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Study:
     """Studies how jobs get over disturbances.
 
@@ -197,7 +183,7 @@ def run_study(
                 left_s = None
                 if made > 0:
                     left_s = (time.monotonic() - began_s) / made * (len(trials) - len(results))
-                progress(StudyProgress(len(results), len(trials), left_s))
+                progress(Progress(len(results), len(trials), left_s))
     return Study(tuple(results[trial] for trial in trials), (path,))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lasergym.errors import OptionError
 from lasergym.options import LARGEST_SEED, integer_in
-from lasergym.planners import LEARNED_PLANNERS, Plan, positions
+from lasergym.planners import Plan, learned_policy, positions
 from lasergym.policy import Policy, PolicyName
 
 __all__ = ["DECIDERS", "DeciderName", "Deciding"]
@@ -55,16 +55,9 @@ class Deciding:
         """The settings as the native job takes them."""
         if self.planner not in DECIDERS:
             raise OptionError(f"planner is {self.planner!r}, but must be one of {DECIDERS}")
-        learned = self.planner in LEARNED_PLANNERS
-        if self.policy is not None and not learned:
-            raise OptionError(
-                f"policy is {self.policy}, but only {' and '.join(LEARNED_PLANNERS)} take one"
-            )
+        policy = learned_policy(self.planner, self.policy)
         if (self.planner == "fixed") != (self.plan is not None):
             raise OptionError("a plan is for the planner 'fixed', which needs one")
-        policy = self.policy
-        if learned and not isinstance(policy, Policy):
-            policy = Policy.load(policy or "random-shape")
         return {
             "name": self.planner,
             "seed": integer_in("seed", self.seed, 0, LARGEST_SEED),
@@ -72,7 +65,7 @@ class Deciding:
             "first_s": self.first_s,
             "moves": self.moves,
             "thinking_s": self.thinking_s,
-            "policy": policy.native if isinstance(policy, Policy) else None,
+            "policy": None if policy is None else policy.native,
             "xy_px": self._positions(),
         }
 

@@ -1,0 +1,29 @@
+"""Options of commands: how they are declared, and those that several commands share."""
+
+from typing import Annotated, Any
+
+import typer
+
+__all__ = ["FitOption", "InkOption", "InvertOption", "MarginOption", "ThresholdOption", "option"]
+
+_DRAWING = "Drawing"
+
+
+def option(*names: str, help: str, panel: str | None = None) -> Any:  # noqa: A002 - typer's word
+    """An option with its help, in a panel of its command's help."""
+    return typer.Option(*names, help=help, rich_help_panel=panel)
+
+
+MarginOption = Annotated[
+    float, option("--margin-px", help="Free border on each side, px.", panel=_DRAWING)
+]
+ThresholdOption = Annotated[
+    float, option("--threshold", help="Ink that makes a pixel target, (0, 1].", panel=_DRAWING)
+]
+InkOption = Annotated[
+    str, option("--ink", help="What is ink: auto, luminance or alpha.", panel=_DRAWING)
+]
+InvertOption = Annotated[bool, option("--invert", help="Machine what is not ink.", panel=_DRAWING)]
+FitOption = Annotated[
+    str, option("--fit", help="scale to the workpiece, or exact pixels.", panel=_DRAWING)
+]
