@@ -35,6 +35,18 @@ PHASES = {
     "fire_s": 0.5,
 }
 
+REPORT_KEYS = {
+    "reward",
+    "machined_fraction",
+    "off_target_fraction",
+    "pulses",
+    "elapsed_s",
+    "faults",
+    "resumed",
+    "phases",
+}
+"""Keys that every report of a job has."""
+
 
 def write_journal(folder: Path, records: list[Mapping[str, Any]]) -> Path:
     """Writes the journal of ``records``."""

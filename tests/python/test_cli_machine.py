@@ -7,19 +7,9 @@ import pytest
 
 from lasergym.cli import main
 from lasergym.machine import SimulatedMachine, SimulatedRig, read_report
+from synthetic_job import REPORT_KEYS
 
 QUICK = ("--planner", "greedy", "--max-pulses", "4")
-
-KEYS = {
-    "reward",
-    "machined_fraction",
-    "off_target_fraction",
-    "pulses",
-    "elapsed_s",
-    "faults",
-    "resumed",
-    "phases",
-}
 
 DRIVERS = """
 from lasergym.machine import SimulatedRig
@@ -58,7 +48,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 def test_it_prints_one_json_object(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["machine", "star", "-o", "job", *QUICK, "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert set(printed) >= KEYS
+    assert set(printed) >= REPORT_KEYS
     assert printed == json.loads(Path("job/report.json").read_text(encoding="utf-8"))
     assert printed["pulses"] == 4
     for name in ("report.html", "job.png", "job.gif", "journal.jsonl", "frames/0004.png"):

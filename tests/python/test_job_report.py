@@ -11,20 +11,9 @@ import lasergym
 from lasergym.errors import JournalError
 from lasergym.machine import read_report, write_report
 from lasergym.machine.journal import JOURNAL_NAME
-from synthetic_job import write_job
+from synthetic_job import REPORT_KEYS, write_job
 
 TARGET = lasergym.targets.star()
-
-KEYS = {
-    "reward",
-    "machined_fraction",
-    "off_target_fraction",
-    "pulses",
-    "elapsed_s",
-    "faults",
-    "resumed",
-    "phases",
-}
 
 
 def test_the_figures_are_those_of_where_the_pulses_landed(tmp_path: Path) -> None:
@@ -76,7 +65,7 @@ def test_all_files_are_written(tmp_path: Path) -> None:
     write_job(tmp_path, TARGET)
     written = write_report(tmp_path)
     report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
-    assert set(report) >= KEYS
+    assert set(report) >= REPORT_KEYS
     assert report["reward"] == written.reward
     assert report["resumed"] == 1
     assert report["faults"][0]["device"] == "camera"
