@@ -9,7 +9,7 @@ use crate::{Frame, ObserverError};
 const ROUNDS: usize = 12;
 
 /// A shift that is known to less than this needs no new cells, frame px.
-const NEAR_FRAME_PX: f32 = 0.6;
+const NEAR_FRAME_PX: f32 = 0.75;
 
 /// Frames whose texture agrees less than this with that of the reference are looked for afresh.
 const TRUSTED_AGREEMENT: f32 = 0.8;
@@ -150,8 +150,9 @@ impl Reference {
         loop {
             let mut cut = self.compare(frame, offset)?;
             rounds += 1;
-            let near = cut.rest.iter().all(|rest| (rest * cell).abs() <= NEAR_FRAME_PX);
-            if near {
+            // To and fro over the same pixel is near enough.
+            let near = if rounds > ROUNDS / 2 { 2.0 * NEAR_FRAME_PX } else { NEAR_FRAME_PX };
+            if cut.rest.iter().all(|rest| (rest * cell).abs() <= near) {
                 return Ok(cut);
             }
             if rounds == ROUNDS {
