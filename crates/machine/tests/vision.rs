@@ -136,6 +136,25 @@ proptest! {
     }
 }
 
+/// The stage may jump in any direction between two frames while the lamp flickers.
+#[test]
+fn a_jump_of_the_view_is_followed() {
+    for seed in 0..12 {
+        let mut bench = Bench::steady(Preset::Harsh, seed);
+        for k in 0..6 {
+            let (sin, cos) = f64::sin_cos(f64::from(k) * 2.4 + seed as f64);
+            let stands = Point::new(cos, sin) * 6.0;
+            let position = Point::new(20.0 + 12.0 * f64::from(k), 50.0);
+            bench.rig.stage().move_to(position).unwrap();
+            bench.rig.laser().fire().unwrap();
+            bench.rig.stage().move_to(IMAGING_POSITION_UM + stands).unwrap();
+            let observation = bench.look(position);
+            let off = observation.shift_px.distance(stands * -1.0);
+            assert!(off < 0.15, "{seed} {k} {observation:?}");
+        }
+    }
+}
+
 #[test]
 fn nothing_is_seen_where_nothing_was_fired() {
     for preset in Preset::ALL {

@@ -6,10 +6,10 @@ use super::lamp::Lamp;
 use crate::{Frame, ObserverError};
 
 /// Most times that a frame is cut into cells anew.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 12;
 
 /// A shift that is known to less than this needs no new cells, frame px.
-const NEAR_FRAME_PX: f32 = 0.6;
+const NEAR_FRAME_PX: f32 = 0.75;
 
 /// Frames whose texture agrees less than this with that of the reference are looked for afresh.
 const TRUSTED_AGREEMENT: f32 = 0.8;
@@ -122,7 +122,7 @@ impl Reference {
     pub(super) fn register(&mut self, frame: &Frame) -> Result<Registered, ObserverError> {
         let mut cut = self.follow(frame, self.last_shift)?;
         if cut.agreement < TRUSTED_AGREEMENT {
-            let start = self.search(frame)?;
+            let start = self.search(frame, cut.plane)?;
             let other = self.follow(frame, start)?;
             if other.agreement > cut.agreement {
                 cut = other;
@@ -150,8 +150,9 @@ impl Reference {
         loop {
             let mut cut = self.compare(frame, offset)?;
             rounds += 1;
-            let near = cut.rest.iter().all(|rest| (rest * cell).abs() <= NEAR_FRAME_PX);
-            if near {
+            // To and fro over the same pixel is near enough.
+            let near = if rounds > ROUNDS / 2 { 2.0 * NEAR_FRAME_PX } else { NEAR_FRAME_PX };
+            if cut.rest.iter().all(|rest| (rest * cell).abs() <= near) {
                 return Ok(cut);
             }
             if rounds == ROUNDS {
@@ -262,16 +263,20 @@ impl Reference {
         aligned
     }
 
-    /// A whole number of double cells about which the frame fits best, frame px.
-    fn search(&mut self, frame: &Frame) -> Result<[f32; 2], ObserverError> {
+    /// A whole number of double cells about which the frame fits best once the lamp's `plane` is
+    /// taken out, frame px.
+    fn search(&mut self, frame: &Frame, plane: [f32; 3]) -> Result<[f32; 2], ObserverError> {
         let grid = self.grid;
         let mut brightness = grid.picture();
         grid.average(frame, [0, 0], &mut brightness);
         let inside = grid.inside([0, 0], self.size_px.0, self.size_px.1);
         self.lamp.divide(grid, [0, 0], inside, &mut brightness);
-        let difference: Vec<f32> =
-            brightness.iter().zip(&self.brightness).map(|(here, there)| here - there).collect();
-        let gain = commonest(grid, inside, &difference);
+        for (j, row) in brightness.chunks_exact_mut(grid.stride()).enumerate() {
+            let lamp = LampRow::new(grid, plane, j);
+            for (i, value) in row.iter_mut().enumerate() {
+                *value -= lamp.at(i);
+            }
+        }
         let (here, width) = halved(grid, &brightness);
         let (there, _) = halved(grid, &self.brightness);
         let height = here.len() / width;
@@ -289,7 +294,7 @@ impl Reference {
                     cost += here
                         .iter()
                         .zip(there)
-                        .map(|(here, there)| (here - there - gain).abs().min(self.tolerance))
+                        .map(|(here, there)| (here - there).abs().min(self.tolerance))
                         .sum::<f32>();
                 }
                 if cost < best.0 {
