@@ -183,3 +183,7 @@ class MillingError(LasergymError, ValueError):
 
 class DepthMapError(MillingError):
     """A depth map cannot be read or milled."""
+
+
+class GalvoError(LasergymError, ValueError):
+    """A scan head, its calibration, or a program for it cannot be used."""
