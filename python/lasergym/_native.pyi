@@ -308,3 +308,24 @@ def galvo_measure_line(
 def galvo_compensation(
     head: str, method: str, speed_m_s: float, beam_um: float, tolerance: float
 ) -> list[float]: ...
+
+def galvo_line_costs(
+    head: str,
+    line: Sequence[float],
+    scales: Sequence[float],
+    rows: Sequence[Sequence[float]],
+) -> list[float]: ...
+@final
+class GalvoLines:
+    def __new__(
+        cls,
+        environments: int,
+        noise_um: float,
+        edge_scale_um: float,
+        pitch_scale: float,
+        time_scale_us: float,
+    ) -> GalvoLines: ...
+    def reset(self, seeds: Sequence[int | None], mask: Sequence[bool] | None) -> None: ...
+    def observations(self) -> NDArray[np.float32]: ...
+    def baselines(self) -> NDArray[np.float32]: ...
+    def step(self, actions: NDArray[np.float32]) -> list[NDArray[np.float64]]: ...

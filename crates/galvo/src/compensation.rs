@@ -59,8 +59,8 @@ impl HeadKnowledge {
     /// farther apart by the part `tolerance`.
     ///
     /// Lines: `l_a`(V) and ΔL(V) = V τ from the regressions, `l_d` = V τ,
-    /// `t_on` = (`l_a` + d/2)/V + τ, `t_off` = τ − (`l_d` + d/2)/V. The tolerance is that of the
-    /// measured acceleration lengths. Model: the shortest run-in and run-out that keep the speed
+    /// `t_on` = (`l_a` + d/2)/V + τ, `t_off` = τ − (`l_d` + d/2)/V; with delays only `l_a` and `l_d` are
+    /// 0. The tolerance is that of the measured acceleration lengths. Model: the shortest run-in and run-out that keep the speed
     /// within the tolerance, and the times at which the mirror really passes.
     ///
     /// # Errors
@@ -88,7 +88,14 @@ impl HeadKnowledge {
         };
         Ok(match (method, self) {
             (Method::None, _) => Compensation { lag_us, settling_us, ..Compensation::default() },
-            (Method::DelaysOnly, _) => Compensation {
+            (Method::DelaysOnly, Self::Model(axis)) => Compensation {
+                on_us: passing_us(axis, half_us, 0.0),
+                off_us: leaving_us(axis, half_us),
+                lag_us,
+                settling_us,
+                ..Compensation::default()
+            },
+            (Method::DelaysOnly, Self::Lines(_)) => Compensation {
                 on_us: lag_us + half_us,
                 off_us: lag_us - half_us,
                 lag_us,
@@ -172,6 +179,25 @@ fn started(axis: &AxisModel, duration_us: f64) -> AxisTracker {
     let mut tracker = AxisTracker::new(axis, 0.0);
     tracker.command(Ramp { start_um: 0.0, speed: 1.0, duration_us });
     tracker
+}
+
+/// How long after a stop at 1 m/s an axis still has `left_us` (µm) to go.
+fn leaving_us(axis: &AxisModel, left_us: f64) -> f64 {
+    let lag_us = axis.lag_us();
+    let (mut low_us, mut high_us) = (0.0, 20.0 * lag_us);
+    for _ in 0..60 {
+        let middle_us = 0.5 * (low_us + high_us);
+        let mut tracker = started(axis, high_us + 1.0);
+        tracker.advance(middle_us);
+        // What a start has covered, a stop has yet to cover: the axis is linear.
+        let to_go = lag_us - middle_us + tracker.mirror().position_um;
+        if to_go > left_us {
+            low_us = middle_us;
+        } else {
+            high_us = middle_us;
+        }
+    }
+    0.5 * (low_us + high_us)
 }
 
 /// When an axis that started at 1 m/s passes `position_um`, not before `earliest_us`.

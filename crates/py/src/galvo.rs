@@ -5,13 +5,14 @@ use std::io::{BufReader, BufWriter};
 
 use lasergym_galvo::{
     AccelerationEnd, Calibration, Compensation, EnergyMap, GalvoError, HeadKnowledge, JobReader,
-    LaserControl, Method, PostOptions, ProgramFormat, ProgramReader, ProgramWriter, PulseGrid,
+    LINE_ACTION, LINE_OBSERVATION, LaserControl, LineOptions, LineOutcome, LineScales,
+    LineTask, LineTrial, Method, PostOptions, ProgramFormat, ProgramReader, ProgramWriter, PulseGrid,
     Regression, Report, ScanHead, marked_box, measure_line, postprocess, read_test_lines, simulate,
     test_pattern,
 };
 use lasergym_geom::Point;
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -288,6 +289,125 @@ pub(crate) fn galvo_compensation(
         found.lag_us,
         found.settling_us,
     ])
+}
+
+/// Costs of offsets and delays of a line, rows of run-in µm, run-out µm, laser on µs, last pulse µs;
+/// `line` is speed m/s, length µm, angle rad, beam µm and pitch µm.
+#[pyfunction]
+pub(crate) fn galvo_line_costs(
+    py: Python<'_>,
+    head: &str,
+    line: [f64; 5],
+    scales: [f64; 3],
+    rows: Vec<[f64; 4]>,
+) -> PyResult<Vec<f64>> {
+    let head = ScanHead::from_toml(head).map_err(galvo_error)?;
+    let [speed_m_s, length_um, angle_rad, beam_um, pitch_um] = line;
+    let scales = LineScales { edge_um: scales[0], pitch: scales[1], time_us: scales[2] };
+    scales.validate().map_err(galvo_error)?;
+    let trial = LineTrial { head, speed_m_s, length_um, angle_rad, beam_um, pitch_um, scales };
+    Ok(py.detach(|| trial.costs(&rows)))
+}
+
+/// Rewards, start and end errors (µm), deviations of the pitch and times (µs), each of shape (n,).
+type Outcomes<'py> = [Bound<'py, PyArray1<f64>>; 5];
+
+/// Lines to machine, one of each environment.
+#[pyclass(name = "GalvoLines", module = "lasergym._native")]
+pub(crate) struct NativeGalvoLines {
+    tasks: Vec<LineTask>,
+}
+
+#[pymethods]
+impl NativeGalvoLines {
+    #[new]
+    fn new(
+        environments: usize,
+        noise_um: f64,
+        edge_scale_um: f64,
+        pitch_scale: f64,
+        time_scale_us: f64,
+    ) -> PyResult<Self> {
+        let scales =
+            LineScales { edge_um: edge_scale_um, pitch: pitch_scale, time_us: time_scale_us };
+        let options = LineOptions { noise_um, scales };
+        let task = LineTask::new(options, 0).map_err(galvo_error)?;
+        Ok(Self { tasks: vec![task; environments] })
+    }
+
+    /// Draws new lines where `mask` is True; seeds start streams anew.
+    fn reset(
+        &mut self,
+        py: Python<'_>,
+        seeds: Vec<Option<u64>>,
+        mask: Option<Vec<bool>>,
+    ) -> PyResult<()> {
+        py.detach(|| {
+            for (k, task) in self.tasks.iter_mut().enumerate() {
+                if mask.as_ref().is_none_or(|mask| mask.get(k) == Some(&true)) {
+                    task.reset(seeds.get(k).copied().flatten())?;
+                }
+            }
+            Ok(())
+        })
+        .map_err(galvo_error)
+    }
+
+    /// What the agents know, shape (n, 6).
+    fn observations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let values = self.tasks.iter().flat_map(LineTask::observation).collect();
+        rows(py, LINE_OBSERVATION, values)
+    }
+
+    /// The actions of the postprocessor, shape (n, 4).
+    fn baselines<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let mut values = Vec::with_capacity(LINE_ACTION * self.tasks.len());
+        for task in &self.tasks {
+            values.extend(task.baseline().map_err(galvo_error)?);
+        }
+        rows(py, LINE_ACTION, values)
+    }
+
+    /// Machines every line with its action, shape (n, 4).
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        actions: PyReadonlyArray2<'_, f32>,
+    ) -> PyResult<Outcomes<'py>> {
+        let actions: Vec<[f32; LINE_ACTION]> = actions
+            .as_array()
+            .rows()
+            .into_iter()
+            .map(|row| std::array::from_fn(|k| row.get(k).copied().unwrap_or(f32::NAN)))
+            .collect();
+        if actions.len() != self.tasks.len() {
+            let (found, expected) = (actions.len(), self.tasks.len());
+            let message = format!("{found} actions are given for {expected} environments");
+            return Err(exception("ActionShapeError", message));
+        }
+        let outcomes: Vec<LineOutcome> = py
+            .detach(|| {
+                let made = self.tasks.iter().zip(actions);
+                made.map(|(task, action)| task.step(action)).collect::<Result<_, _>>()
+            })
+            .map_err(|error| exception("ActionNotFiniteError", error.to_string()))?;
+        let column = |value: fn(&LineOutcome) -> f64| {
+            outcomes.iter().map(value).collect::<Vec<f64>>().to_pyarray(py)
+        };
+        Ok([
+            column(|made| -made.cost),
+            column(|made| made.edge_errors_um[0]),
+            column(|made| made.edge_errors_um[1]),
+            column(|made| made.pitch_deviation),
+            column(|made| made.time_us),
+        ])
+    }
+}
+
+fn rows(py: Python<'_>, columns: usize, values: Vec<f32>) -> PyResult<Bound<'_, PyArray2<f32>>> {
+    Ok(Array2::from_shape_vec((values.len() / columns, columns), values)
+        .map_err(|error| exception("ShapeError", error.to_string()))?
+        .into_pyarray(py))
 }
 
 /// The exception of a [`GalvoError`].

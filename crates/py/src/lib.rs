@@ -38,7 +38,8 @@ mod _native {
     use crate::environment::NativeEnvironment;
     #[pymodule_export]
     use crate::galvo::{
-        galvo_calibrate, galvo_compensation, galvo_head, galvo_heads, galvo_measure_line,
+        NativeGalvoLines, galvo_calibrate, galvo_compensation, galvo_head, galvo_heads,
+        galvo_line_costs, galvo_measure_line,
         galvo_postprocess, galvo_simulate, galvo_test_pattern,
     };
     #[pymodule_export]

@@ -7,7 +7,8 @@ from lasergym.envs.ablation import (
     RotatedStarEnv,
     StarEnv,
 )
-from lasergym.envs.registration import ABLATION_IDS, register_environments
+from lasergym.envs.galvo_line import GalvoLineEnv, GalvoLineVectorEnv
+from lasergym.envs.registration import ABLATION_IDS, GALVO_IDS, register_environments
 from lasergym.envs.vector import (
     AblationVectorEnv,
     PatternVectorEnv,
@@ -18,8 +19,11 @@ from lasergym.envs.vector import (
 
 __all__ = [
     "ABLATION_IDS",
+    "GALVO_IDS",
     "AblationEnv",
     "AblationVectorEnv",
+    "GalvoLineEnv",
+    "GalvoLineVectorEnv",
     "PatternEnv",
     "PatternVectorEnv",
     "RandomShapeEnv",
