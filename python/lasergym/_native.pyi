@@ -308,13 +308,13 @@ def galvo_measure_line(
 def galvo_compensation(
     head: str, method: str, speed_m_s: float, beam_um: float, tolerance: float
 ) -> list[float]: ...
-
 def galvo_line_costs(
     head: str,
     line: Sequence[float],
     scales: Sequence[float],
     rows: Sequence[Sequence[float]],
 ) -> list[float]: ...
+
 @final
 class GalvoLines:
     def __new__(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lasergym import _native
+from lasergym.cma_es import CmaEs
 from lasergym.errors import OptionError
 from lasergym.options import integer_in
 
@@ -26,13 +27,15 @@ __all__ = [
     "Compensation",
     "Judgement",
     "Regression",
+    "Tuning",
     "calibrate",
     "compensation",
     "head_text",
+    "line_pattern",
     "measure_line",
     "postprocess",
     "simulate",
-    "test_pattern",
+    "tune",
 ]
 
 _SHIPPED: dict[str, str] = dict(_native.galvo_heads())
@@ -154,6 +157,32 @@ class Judgement:
         return dict(self.figures)
 
 
+@dataclass(frozen=True)
+class Tuning:
+    """Offsets and delays found by CMA-ES.
+
+    Attributes:
+        run_in_um: By how much strokes begin earlier, µm.
+        run_out_um: By how much they end later, µm.
+        on_us: From the start of the extended stroke to the first pulse, µs.
+        off_us: From the end of the extended stroke to the last pulse, µs.
+        cost: What the lines cost with them.
+        formula_cost: What they cost with the offsets and delays of the formulas.
+    """
+
+    run_in_um: float
+    run_out_um: float
+    on_us: float
+    off_us: float
+    cost: float
+    formula_cost: float
+
+    @property
+    def offsets(self) -> tuple[float, float, float, float]:
+        """The four as :func:`postprocess` takes them."""
+        return (self.run_in_um, self.run_out_um, self.on_us, self.off_us)
+
+
 def head_text(head: str | Path) -> str:
     """The TOML text of a shipped head or of a head file.
 
@@ -190,7 +219,7 @@ def calibrate(lines: str | Path) -> Calibration:
     return Calibration(lag, acceleration, toml)
 
 
-def test_pattern(
+def line_pattern(
     speeds_m_s: Sequence[float] = (0.5, 1.0, 1.5, 2.0),
     *,
     length_um: float = 2000.0,
@@ -210,10 +239,6 @@ def test_pattern(
     """
     count = integer_in("repeats", repeats, 1, 1000)
     return _native.galvo_test_pattern([float(s) for s in speeds_m_s], length_um, count, spacing_um)
-
-
-# pytest would take it for a test.
-test_pattern.__test__ = False  # type: ignore[attr-defined]
 
 
 def measure_line(
@@ -361,3 +386,68 @@ def simulate(
     known = {name: value if math.isfinite(value) else None for name, value in figures}
     energy, picture = (None, None) if mapped is None else mapped
     return Judgement(known, strokes, box_um, energy, picture)
+
+
+def tune(
+    head: str | Path = "bessel",
+    *,
+    speed_m_s: float,
+    start: Compensation | None = None,
+    length_um: float = 2000.0,
+    beam_um: float = 40.0,
+    pitch_um: float = 40.0,
+    delays_only: bool = False,
+    edge_scale_um: float = 10.0,
+    pitch_scale: float = 0.05,
+    time_scale_us: float = 2000.0,
+    evaluations: int = 1500,
+    seed: int = 0,
+) -> Tuning:
+    """Finds offsets and delays for lines at one speed by CMA-ES on a simulated head.
+
+    The cost is (|start error| + |end error|)/``edge_scale_um`` + largest
+    |pitch - 1|/``pitch_scale`` + time beyond that of the drawn line/``time_scale_us``. The start is
+    one of the candidates, so that the result is never worse.
+
+    Args:
+        head: Name of a shipped head or of a TOML file; its axes are simulated.
+        speed_m_s: Speed, m/s.
+        start: Where to start; by default the formulas for the head.
+        length_um: Length of the line, µm.
+        beam_um: Crater diameter, µm.
+        pitch_um: Distance of pulses, µm.
+        delays_only: Keep run-in and run-out at 0, for those who cannot postprocess.
+        edge_scale_um: Edge error that costs 1, µm.
+        pitch_scale: Deviation of the pitch that costs 1.
+        time_scale_us: Time that costs 1, µs.
+        evaluations: Lines that are simulated at most.
+        seed: Seed of the search.
+
+    Raises:
+        OptionError, GalvoError: An option is outside its range.
+    """
+    text = head_text(head)
+    if start is None:
+        method: Method = "delays" if delays_only else "adaptive"
+        start = compensation(head, speed_m_s=speed_m_s, beam_um=beam_um, method=method)
+    line = [speed_m_s, length_um, 0.0, beam_um, pitch_um]
+    scales = [edge_scale_um, pitch_scale, time_scale_us]
+    first = np.array([start.run_in_um, start.run_out_um, start.on_us, start.off_us])
+    # Lengths and times of the size of the lag, so that one step size fits all.
+    size = max(start.lag_us, 1.0) * np.array([speed_m_s, speed_m_s, 1.0, 1.0])
+    free = np.array([False, False, True, True]) if delays_only else np.ones(4, np.bool_)
+
+    def costs(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+        rows = np.tile(first, (len(candidates), 1))
+        rows[:, free] = candidates * size[free]
+        return np.array(_native.galvo_line_costs(text, line, scales, rows.tolist()))
+
+    formula_cost = float(costs((first[free] / size[free])[None])[0])
+    search = CmaEs(first[free] / size[free], 0.1, seed=seed, max_evaluations=evaluations)
+    while search.termination is None:
+        search.tell(costs(search.ask()))
+    best, best_cost = first.copy(), formula_cost
+    if search.best_cost < formula_cost:
+        best[free], best_cost = search.best_x * size[free], search.best_cost
+    run_in_um, run_out_um, on_us, off_us = best.tolist()
+    return Tuning(run_in_um, run_out_um, on_us, off_us, best_cost, formula_cost)

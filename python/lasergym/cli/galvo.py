@@ -48,9 +48,7 @@ def calibrate(
     speeds_m_s: Annotated[
         str, option("--speeds-m-s", help="Speeds of the pattern, m/s.")
     ] = "0.5,1,1.5,2",
-    length_um: Annotated[
-        float, option("--length-um", help="Length of its lines, µm.")
-    ] = 2000.0,
+    length_um: Annotated[float, option("--length-um", help="Length of its lines, µm.")] = 2000.0,
     repeats: Annotated[int, option("--repeats", help="Lines at each speed and axis.")] = 10,
     as_json: JsonOption = False,
 ) -> None:
@@ -61,7 +59,7 @@ def calibrate(
         except ValueError as error:
             message = f"speeds_m_s is {speeds_m_s!r}, but must be numbers with commas"
             raise OptionError(message) from error
-        text = heads.test_pattern(speeds, length_um=length_um, repeats=repeats)
+        text = heads.line_pattern(speeds, length_um=length_um, repeats=repeats)
         _write(output, text)
         return
     if lines is None:

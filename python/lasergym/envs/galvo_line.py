@@ -145,7 +145,8 @@ class GalvoLineEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def baseline_action(self) -> NDArray[np.float32]:
         """What the adaptive postprocessor does with this line, from what the agent observes."""
-        return self._native.baselines()[0]
+        action: NDArray[np.float32] = self._native.baselines()[0]
+        return action
 
 
 class GalvoLineVectorEnv(SeededVectorEnv[NDArray[np.float32], NDArray[np.float32]]):

@@ -1,4 +1,4 @@
-"""What native vector environments have in common: seeds of their streams, reset masks, autoreset."""
+"""What native vector environments share: seeds of their streams, reset masks, autoreset."""
 
 from __future__ import annotations
 

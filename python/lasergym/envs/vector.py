@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from lasergym import _native
+from lasergym.envs.seeded_vector import SeededVectorEnv, autoreset_mode_of
 from lasergym.envs.settings import (
     MAX_COUNT,
     ObservationMode,
@@ -21,7 +22,6 @@ from lasergym.envs.settings import (
     action_array,
     batched_box,
 )
-from lasergym.envs.seeded_vector import SeededVectorEnv, autoreset_mode_of
 from lasergym.errors import OptionError, RenderModeError, ShapeError
 from lasergym.options import integer_in
 from lasergym.render import Trajectory
