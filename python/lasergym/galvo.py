@@ -25,12 +25,14 @@ __all__ = [
     "HEADS",
     "Calibration",
     "Compensation",
+    "Identification",
     "Judgement",
     "Regression",
     "Tuning",
     "calibrate",
     "compensation",
     "head_text",
+    "identify",
     "line_pattern",
     "measure_line",
     "postprocess",
@@ -158,6 +160,23 @@ class Judgement:
 
 
 @dataclass(frozen=True)
+class Identification:
+    """A model of an axis, fitted to a recorded trajectory.
+
+    Attributes:
+        family: ``"bessel"``, ``"second-order"`` or ``"acceleration-time"``, each with a dead time.
+        parameters: Name, value and half-width of the 95 % interval of each parameter.
+        rms_um: Root mean square distance between measured and modelled positions, µm.
+        toml: The section ``[axis]`` of a head file.
+    """
+
+    family: str
+    parameters: tuple[tuple[str, float, float], ...]
+    rms_um: float
+    toml: str
+
+
+@dataclass(frozen=True)
 class Tuning:
     """Offsets and delays found by CMA-ES.
 
@@ -217,6 +236,22 @@ def calibrate(lines: str | Path) -> Calibration:
     toml, rows = _native.galvo_calibrate(text)
     lag, acceleration = (Regression(*row) for row in rows)
     return Calibration(lag, acceleration, toml)
+
+
+def identify(trajectory: str | Path, *, family: str = "best") -> Identification:
+    """Fits a model of an axis to a recorded trajectory, by least squares.
+
+    Args:
+        trajectory: Name of a CSV file with the columns ``time_us,command_um,position_um``, from rest
+            on; the command is linear between samples.
+        family: ``"best"`` of all, or the name of one.
+
+    Raises:
+        GalvoError: The file cannot be read, or does not determine a model.
+    """
+    text = Path(trajectory).read_text(encoding="utf-8", errors="replace")
+    name, toml, parameters, rms_um = _native.galvo_identify(text, family)
+    return Identification(name, tuple(parameters), rms_um, toml)
 
 
 def line_pattern(

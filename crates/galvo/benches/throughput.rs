@@ -5,8 +5,8 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use lasergym_galvo::{
-    GalvoError, HeadKnowledge, JobReader, PostOptions, ProgramFormat, ProgramReader,
-    ProgramWriter, ScanHead, postprocess, simulate,
+    GalvoError, HeadKnowledge, JobReader, PostOptions, ProgramFormat, ProgramReader, ProgramWriter,
+    ScanHead, postprocess, simulate,
 };
 
 const VECTORS: u32 = 1_000_000;
@@ -19,7 +19,12 @@ fn hatch(vectors: u32) -> String {
         let y = f64::from(k % 10_000) * 1e-3;
         let side = if k % 2 == 0 { 1.0 } else { -1.0 };
         // Writing to a String cannot fail.
-        let _ = writeln!(text, "RAPID\nGOTO/{:.4},{y:.4},0\nGOTO/{:.4},{y:.4},0", -0.5 * side, 0.5 * side);
+        let _ = writeln!(
+            text,
+            "RAPID\nGOTO/{:.4},{y:.4},0\nGOTO/{:.4},{y:.4},0",
+            -0.5 * side,
+            0.5 * side
+        );
     }
     text
 }

@@ -26,7 +26,10 @@ const REPEATS: u32 = 10;
 const NOISE_UM: f64 = 1.5;
 
 /// Four lines, one at each speed, measured with noise.
-fn noisy_calibration(head: &ScanHead, generator: &mut Pcg64) -> Result<Calibration, Box<dyn Error>> {
+fn noisy_calibration(
+    head: &ScanHead,
+    generator: &mut Pcg64,
+) -> Result<Calibration, Box<dyn Error>> {
     let noise = Normal::new(0.0, NOISE_UM)?;
     let mut lines: Vec<TestLine> = Vec::new();
     for speed in SPEEDS_M_S {

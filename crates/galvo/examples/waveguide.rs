@@ -61,11 +61,7 @@ fn half_width_um(x: f64, irises: bool) -> f64 {
     if in_iris { 20.0 } else { 40.0 }
 }
 
-fn trial(
-    head: &ScanHead,
-    options: PostOptions,
-    irises: bool,
-) -> Result<Trial, Box<dyn Error>> {
+fn trial(head: &ScanHead, options: PostOptions, irises: bool) -> Result<Trial, Box<dyn Error>> {
     let knowledge = HeadKnowledge::of_head(head);
     let dose = Dose { across: vec![0.0; 2 * HALF_WINDOW_UM as usize + 1], pulses: 0 };
     let mut run = ProgramRun::new(head, dose);

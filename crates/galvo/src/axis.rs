@@ -252,10 +252,8 @@ mod tests {
 
     #[test]
     fn a_dead_time_only_delays() {
-        let prompt = AxisModel {
-            follower: Follower::Servo(ServoPoles::bessel(200.0)),
-            dead_time_us: 0.0,
-        };
+        let prompt =
+            AxisModel { follower: Follower::Servo(ServoPoles::bessel(200.0)), dead_time_us: 0.0 };
         let late = AxisModel { dead_time_us: 40.0, ..prompt.clone() };
         let position = |model: &AxisModel, t_us: f64| {
             let mut tracker = AxisTracker::new(model, 0.0);

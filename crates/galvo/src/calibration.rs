@@ -3,10 +3,10 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use crate::GalvoError;
 use crate::error::check_option;
 use crate::student_t::two_sided_95;
 use crate::table::read_table;
-use crate::GalvoError;
 
 /// First line of a file of test lines.
 pub const TEST_LINE_HEADER: &str = "speed_m_s,nominal_um,measured_um,acceleration_um";
@@ -219,8 +219,7 @@ mod tests {
         let found = Regression::fit(&points).unwrap();
         assert!((found.slope_us - 1.98).abs() < 1e-12);
         assert!((found.intercept_um - 0.18).abs() < 1e-12);
-        let residual: f64 =
-            points.iter().map(|(x, y)| (y - 0.18 - 1.98 * x).powi(2)).sum();
+        let residual: f64 = points.iter().map(|(x, y)| (y - 0.18 - 1.98 * x).powi(2)).sum();
         let width = 3.182_446 * (residual / 3.0 / 10.0).sqrt();
         assert!((found.slope_confidence_95 - width).abs() < 1e-5);
     }
@@ -240,8 +239,12 @@ mod tests {
 
     #[test]
     fn useless_lines_are_refused() {
-        let line =
-            TestLine { speed_m_s: 1.0, nominal_um: 2e3, measured_um: 1.8e3, acceleration_um: 175.0 };
+        let line = TestLine {
+            speed_m_s: 1.0,
+            nominal_um: 2e3,
+            measured_um: 1.8e3,
+            acceleration_um: 175.0,
+        };
         for lines in [vec![line; 2], vec![line; 5]] {
             assert!(matches!(Calibration::fit(&lines), Err(GalvoError::Calibration { .. })));
         }

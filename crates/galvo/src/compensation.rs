@@ -78,9 +78,10 @@ impl HeadKnowledge {
         check_option("tolerance", tolerance, ok, "in [1e-4, 0.5]")?;
         let half_us = 0.5 * beam_um / speed_m_s;
         let (lag_us, settling_us) = match self {
-            Self::Lines(lines) => {
-                (lines.lag.at_um(speed_m_s) / speed_m_s, lines.acceleration.at_um(speed_m_s) / speed_m_s)
-            }
+            Self::Lines(lines) => (
+                lines.lag.at_um(speed_m_s) / speed_m_s,
+                lines.acceleration.at_um(speed_m_s) / speed_m_s,
+            ),
             Self::Model(axis) => {
                 let run = UnitRun::new(axis, tolerance);
                 (axis.lag_us(), run.position_us)

@@ -280,8 +280,7 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
     }
 
     fn switch_off(&mut self) {
-        let off_us =
-            self.sky().map_or(self.settings.delays.laser_off_us, |sky| sky.timelag_us);
+        let off_us = self.sky().map_or(self.settings.delays.laser_off_us, |sky| sky.timelag_us);
         self.player.close_gate(self.player.clock_us() + off_us);
         self.lit = false;
     }
@@ -292,7 +291,8 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
         let direction = (mark.to_um - start).normalized();
         let before_um = before_um.min(length_um);
         let after_um = after_um.min(length_um - before_um);
-        let main = if mark.lit || before_um + after_um > 0.0 { Purpose::Mark } else { Purpose::RunIn };
+        let main =
+            if mark.lit || before_um + after_um > 0.0 { Purpose::Mark } else { Purpose::RunIn };
         let middle_um = length_um - before_um - after_um;
         let pieces = [
             (start + direction * before_um, before_um, Purpose::RunIn),
@@ -315,8 +315,7 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
                 if sky.mode != SkyWritingMode::Retrace {
                     self.jump_to(corner - velocity * sky.run_in_us());
                 }
-                self.observer
-                    .stroke_begins(&self.end_of(corner, onward, next.speed_m_s));
+                self.observer.stroke_begins(&self.end_of(corner, onward, next.speed_m_s));
                 self.run_in(corner, velocity);
                 self.in_stroke = true;
             }

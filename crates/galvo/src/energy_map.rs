@@ -26,7 +26,12 @@ impl EnergyMap {
     /// # Errors
     /// [`GalvoError::InvalidOption`] when a length is not usable or the map would have more than
     /// [`MAX_MAP_CELLS`] cells.
-    pub fn new(low_um: Point, high_um: Point, cell_um: f64, spot_um: f64) -> Result<Self, GalvoError> {
+    pub fn new(
+        low_um: Point,
+        high_um: Point,
+        cell_um: f64,
+        spot_um: f64,
+    ) -> Result<Self, GalvoError> {
         check_option("cell_um", cell_um, (1e-3..=1e6).contains(&cell_um), "in [1e-3, 1e6] µm")?;
         check_option("spot_um", spot_um, (0.0..=1e3).contains(&spot_um), "in [0, 1000] µm")?;
         let size = high_um - low_um;
@@ -102,8 +107,7 @@ mod tests {
 
     #[test]
     fn a_pulse_covers_its_crater() {
-        let mut map =
-            EnergyMap::new(Point::default(), Point::new(100.0, 60.0), 1.0, 40.0).unwrap();
+        let mut map = EnergyMap::new(Point::default(), Point::new(100.0, 60.0), 1.0, 40.0).unwrap();
         map.add(Point::new(50.0, 30.0));
         let area: f32 = map.energy().iter().sum();
         assert!((f64::from(area) / (std::f64::consts::PI * 400.0) - 1.0).abs() < 0.02, "{area}");

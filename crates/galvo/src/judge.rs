@@ -252,7 +252,8 @@ impl<F: FnMut(&StrokeMeasure)> Observer for Judge<F> {
     }
 
     fn stroke_ends(&mut self, end: &StrokeEnd) {
-        if let Some(waiting) = self.waiting.iter_mut().rev().find(|w| w.start.stroke == end.stroke) {
+        if let Some(waiting) = self.waiting.iter_mut().rev().find(|w| w.start.stroke == end.stroke)
+        {
             waiting.end = Some(*end);
         }
     }

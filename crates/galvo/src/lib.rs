@@ -15,8 +15,10 @@ mod delays;
 mod energy_map;
 mod error;
 mod field;
+mod identification;
 mod judge;
 mod laser;
+mod least_squares;
 mod line_task;
 mod line_trial;
 mod player;
@@ -41,6 +43,10 @@ pub use delays::{Delays, SkyWriting, SkyWritingMode};
 pub use energy_map::{EnergyMap, MAX_MAP_CELLS};
 pub use error::GalvoError;
 pub use field::Field;
+pub use identification::{
+    Identification, MAX_TRAJECTORY_SAMPLES, ModelFamily, TRAJECTORY_HEADER, TrajectorySample, identify,
+    identify_best, read_trajectory,
+};
 pub use judge::{Judge, Report, StrokeMeasure};
 pub use laser::{Laser, PulseTrain};
 pub use line_task::{LINE_ACTION, LINE_OBSERVATION, LineOptions, LineTask};

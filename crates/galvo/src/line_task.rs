@@ -207,7 +207,8 @@ impl LineTask {
     fn compensation_of(&self, action: [f32; LINE_ACTION]) -> Compensation {
         let lag_us = self.known.lag.slope_us;
         let mut times_us = [0.0; LINE_ACTION];
-        for (slot, (value, (low, high))) in times_us.iter_mut().zip(action.iter().zip(ACTION_LAGS)) {
+        for (slot, (value, (low, high))) in times_us.iter_mut().zip(action.iter().zip(ACTION_LAGS))
+        {
             let part = 0.5 * (f64::from(*value).clamp(-1.0, 1.0) + 1.0);
             *slot = (low + (high - low) * part) * lag_us;
         }

@@ -143,8 +143,13 @@ impl LineTrial {
     pub fn costs(&self, rows: &[[f64; 4]]) -> Vec<f64> {
         rows.iter()
             .map(|&[run_in_um, run_out_um, on_us, off_us]| {
-                let found =
-                    Compensation { run_in_um, run_out_um, on_us, off_us, ..Compensation::default() };
+                let found = Compensation {
+                    run_in_um,
+                    run_out_um,
+                    on_us,
+                    off_us,
+                    ..Compensation::default()
+                };
                 self.machine(&found).map_or(NO_PULSE_COST, |made| made.cost)
             })
             .collect()
@@ -169,10 +174,11 @@ mod tests {
             scales: LineScales::default(),
         };
         let knowledge = HeadKnowledge::of_head(&head);
-        let [none, delays, adaptive] = [Method::None, Method::DelaysOnly, Method::Adaptive].map(|method| {
-            let found = knowledge.compensation(method, 2.0, 40.0, 0.02).unwrap();
-            trial.machine(&found).unwrap()
-        });
+        let [none, delays, adaptive] =
+            [Method::None, Method::DelaysOnly, Method::Adaptive].map(|method| {
+                let found = knowledge.compensation(method, 2.0, 40.0, 0.02).unwrap();
+                trial.machine(&found).unwrap()
+            });
         assert!(adaptive.cost < 1.0 && adaptive.cost < delays.cost && delays.cost < none.cost);
         assert!(adaptive.pitch_deviation < 0.021, "{adaptive:?}");
         assert!(delays.pitch_deviation > 0.3, "{delays:?}");

@@ -188,10 +188,7 @@ impl<'a> Player<'a> {
             let (x, y) = (self.x.mirror(), self.y.mirror());
             sink(&PulseLanding {
                 time_us: pulse_us,
-                position_um: self
-                    .head
-                    .field
-                    .landing(Point::new(x.position_um, y.position_um)),
+                position_um: self.head.field.landing(Point::new(x.position_um, y.position_um)),
                 speed_m_s: x.speed_m_s.hypot(y.speed_m_s),
                 stroke: gate.stroke,
                 first: pulse_us - gate.on_us < gate.period_us,

@@ -195,7 +195,8 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
             VectorStep::Mark { to_um, speed_m_s } => self.mark(to_um, speed_m_s)?,
             VectorStep::Arc { to_um, center_um, counterclockwise, speed_m_s } => {
                 let from = self.at_um.unwrap_or_default();
-                for chord in arc_chords(from, to_um, center_um, counterclockwise, ARC_TOLERANCE_UM) {
+                for chord in arc_chords(from, to_um, center_um, counterclockwise, ARC_TOLERANCE_UM)
+                {
                     self.mark(chord, speed_m_s)?;
                 }
             }

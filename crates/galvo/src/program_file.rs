@@ -183,9 +183,8 @@ impl<R: BufRead> ProgramReader<R> {
             GcodeMotion::Arc { to_um, center_um, counterclockwise, speed_m_s, lit } => {
                 let speed_m_s = self.speed(speed_m_s)?;
                 let from = std::mem::replace(&mut self.at_um, to_um);
-                let chords =
-                    arc_chords(from, to_um, center_um, counterclockwise, ARC_TOLERANCE_UM)
-                        .map(|to_um| ProgramStep::Mark { to_um, speed_m_s, lit });
+                let chords = arc_chords(from, to_um, center_um, counterclockwise, ARC_TOLERANCE_UM)
+                    .map(|to_um| ProgramStep::Mark { to_um, speed_m_s, lit });
                 self.chords = chords.collect::<Vec<_>>().into_iter();
                 return Ok(self.chords.next());
             }
@@ -218,7 +217,9 @@ impl<R: BufRead> JobReader<R> {
         let ending = name.rsplit('.').next().unwrap_or("").to_ascii_lowercase();
         match ending.as_str() {
             "apt" | "cl" | "cls" | "cldata" => Ok(Self::Apt(Box::new(AptReader::new(reader)))),
-            "nc" | "gcode" | "ngc" | "tap" => Ok(Self::Gcode(Box::new(GcodeMotionReader::new(reader)))),
+            "nc" | "gcode" | "ngc" | "tap" => {
+                Ok(Self::Gcode(Box::new(GcodeMotionReader::new(reader))))
+            }
             _ => Err(GalvoError::UnknownName {
                 name: "job",
                 value: name.chars().rev().take(40).collect::<Vec<_>>().iter().rev().collect(),

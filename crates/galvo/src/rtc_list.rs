@@ -167,7 +167,8 @@ impl<R: BufRead> RtcListReader<R> {
         for field in fields {
             let trimmed = field.trim();
             if !trimmed.is_empty() {
-                let value = trimmed.parse::<f64>().ok().filter(|v| v.abs() <= MAX_VECTOR_UM.max(1e8));
+                let value =
+                    trimmed.parse::<f64>().ok().filter(|v| v.abs() <= MAX_VECTOR_UM.max(1e8));
                 match (value, values.get_mut(count)) {
                     (Some(value), Some(slot)) => *slot = value,
                     _ => return Err(self.fault(column, "a number within ±1e8 is due here")),
@@ -202,7 +203,8 @@ impl<R: BufRead> RtcListReader<R> {
                 settings.delays.laser_off_us = second * LASER_STEP_US;
             }
             "set_stroke" => {
-                (settings.run_in_um, settings.run_out_um, settings.beam_um) = (first, second, third);
+                (settings.run_in_um, settings.run_out_um, settings.beam_um) =
+                    (first, second, third);
             }
             "set_jump_speed" => settings.jump_speed_m_s = first,
             "set_pulse_rate" => settings.pulse_rate_hz = first,
@@ -214,7 +216,9 @@ impl<R: BufRead> RtcListReader<R> {
             "jump_abs" => return Ok(Some(ProgramStep::Jump { to_um })),
             "layer" => return Ok(Some(ProgramStep::Layer { z_um: first })),
             "long_delay" => {
-                return Ok(Some(ProgramStep::Dwell { duration_us: first.max(0.0) * SCANNER_STEP_US }));
+                return Ok(Some(ProgramStep::Dwell {
+                    duration_us: first.max(0.0) * SCANNER_STEP_US,
+                }));
             }
             _ => {
                 let Some(speed_m_s) = self.speed_m_s else {

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::GalvoError;
 use crate::axis::{AxisModel, Follower};
 use crate::calibration::Calibration;
 use crate::delays::{Delays, SkyWriting};
@@ -10,7 +11,6 @@ use crate::laser::Laser;
 use crate::program::check_speed;
 use crate::servo::ServoPoles;
 use crate::step_response::StepResponse;
-use crate::GalvoError;
 
 /// The lag that the lines of Penchev et al. show: 431.9 µm at 2 m/s and 107.3 µm at 0.5 m/s, µs.
 pub const PENCHEV_LAG_US: f64 = 216.4;
@@ -113,13 +113,12 @@ impl ScanHead {
     /// [`GalvoError::Settings`] for what is not understood, [`GalvoError::InvalidOption`] and
     /// [`GalvoError::StepResponse`] for values out of range.
     pub fn from_toml(text: &str) -> Result<Self, GalvoError> {
-        let file: HeadFile = toml::from_str(text).map_err(|error| GalvoError::Settings {
-            what: "head",
-            reason: error.to_string(),
-        })?;
-        let lag_us = file.calibration.as_ref().map_or(PENCHEV_LAG_US, |known| {
-            known.lag.slope_us.clamp(1.0, 1e5)
-        });
+        let file: HeadFile = toml::from_str(text)
+            .map_err(|error| GalvoError::Settings { what: "head", reason: error.to_string() })?;
+        let lag_us = file
+            .calibration
+            .as_ref()
+            .map_or(PENCHEV_LAG_US, |known| known.lag.slope_us.clamp(1.0, 1e5));
         let axis = |own: Option<AxisFile>| -> Result<AxisModel, GalvoError> {
             match own.or_else(|| file.axis.clone()) {
                 Some(axis) => axis.model(),

@@ -11,8 +11,8 @@ use crate::error::check_option;
 
 /// Normalised third-order Bessel filter of unit delay: complex pair and real pole
 /// (Thomson 1949; s³ + 6s² + 15s + 15).
-const BESSEL_NATURAL: f64 = 2.541_541_401_242_652;
-const BESSEL_DAMPING: f64 = 0.723_541_118_857_279;
+const BESSEL_NATURAL: f64 = 2.541_541_401_095_675;
+const BESSEL_DAMPING: f64 = 0.723_540_179_945_207;
 const BESSEL_POLE: f64 = 2.322_185_354_626_086;
 
 /// Deviations below this, µm, count as none: they would end as denormal numbers.
@@ -49,8 +49,7 @@ impl ServoPoles {
     /// The lag τ behind a ramp, µs: the sum of 1/(−pole).
     #[must_use]
     pub fn lag_us(&self) -> f64 {
-        2.0 * self.damping / self.natural_rad_us
-            + self.real_rad_us.map_or(0.0, |pole| pole.recip())
+        2.0 * self.damping / self.natural_rad_us + self.real_rad_us.map_or(0.0, |pole| pole.recip())
     }
 
     /// Checks every parameter against its range.
@@ -87,8 +86,11 @@ impl ServoPoles {
         }
         let beta = (-beta_squared).sqrt();
         let (slow, fast) = (((beta - sigma) * t_us).exp(), (-(beta + sigma) * t_us).exp());
-        let sine =
-            if beta * t_us > 1e-6 { 0.5 * (slow - fast) / beta } else { t_us * (-sigma * t_us).exp() };
+        let sine = if beta * t_us > 1e-6 {
+            0.5 * (slow - fast) / beta
+        } else {
+            t_us * (-sigma * t_us).exp()
+        };
         (0.5 * (slow + fast), sine)
     }
 }
@@ -191,8 +193,7 @@ impl ServoState {
             return self.modes;
         }
         let [a, b, c] = [self.modes[0], self.modes[1], self.modes[2]];
-        let beta_squared =
-            self.poles.natural_rad_us.powi(2) * (1.0 - self.poles.damping.powi(2));
+        let beta_squared = self.poles.natural_rad_us.powi(2) * (1.0 - self.poles.damping.powi(2));
         let (cosine, sine) = self.poles.oscillation(t_us);
         let real = self.poles.real_rad_us.map_or(0.0, |p| (-p * t_us).exp());
         // cos β(t+h) and sin β(t+h)/β by the addition theorems.
@@ -207,8 +208,11 @@ mod tests {
     use proptest::prelude::*;
 
     fn any_poles() -> impl Strategy<Value = ServoPoles> {
-        let two = (1e-3..0.05_f64, 0.2..2.0_f64)
-            .prop_map(|(w, z)| ServoPoles { natural_rad_us: w, damping: z, real_rad_us: None });
+        let two = (1e-3..0.05_f64, 0.2..2.0_f64).prop_map(|(w, z)| ServoPoles {
+            natural_rad_us: w,
+            damping: z,
+            real_rad_us: None,
+        });
         let three = (1e-3..0.05_f64, 0.2..0.95_f64, 1e-3..0.05_f64).prop_map(|(w, z, p)| {
             ServoPoles { natural_rad_us: w, damping: z, real_rad_us: Some(p) }
         });

@@ -74,9 +74,12 @@ mod tests {
     #[test]
     fn mistakes_are_named() {
         let mut settings = ProgramSettings::of_head(&ScanHead::default());
-        for (note, word) in
-            [("x", "key=value"), ("x=1", "known"), ("mark_us=a", "number"), ("mark_us=-1", "mark_us")]
-        {
+        for (note, word) in [
+            ("x", "key=value"),
+            ("x=1", "known"),
+            ("mark_us=a", "number"),
+            ("mark_us=-1", "mark_us"),
+        ] {
             let message = apply_note(note, &mut settings).unwrap_err().to_string();
             assert!(message.contains(word), "{message}");
         }

@@ -62,9 +62,13 @@ mod tests {
 
     #[test]
     fn faults_have_a_place() {
-        for (text, line, column) in
-            [("b,a\n", 1, 1), ("", 1, 1), ("a,b\n1\n", 2, 1), ("a,b\n1,2\n3,x\n", 3, 3), ("a,b\n1,inf", 2, 3)]
-        {
+        for (text, line, column) in [
+            ("b,a\n", 1, 1),
+            ("", 1, 1),
+            ("a,b\n1\n", 2, 1),
+            ("a,b\n1,2\n3,x\n", 3, 3),
+            ("a,b\n1,inf", 2, 3),
+        ] {
             let error = read_table(text, "a,b").unwrap_err();
             let place = format!("line {line}, column {column}: ");
             assert!(error.to_string().starts_with(&place), "{error}");

@@ -79,9 +79,9 @@ pub fn measure_line(
         AccelerationEnd::Reaches(part) => {
             pulses.iter().find(|pulse| pulse.speed_m_s >= part * speed_m_s)
         }
-        AccelerationEnd::StaysWithin(part) => pulses
-            .iter()
-            .rfind(|pulse| (pulse.speed_m_s / speed_m_s - 1.0).abs() > part),
+        AccelerationEnd::StaysWithin(part) => {
+            pulses.iter().rfind(|pulse| (pulse.speed_m_s / speed_m_s - 1.0).abs() > part)
+        }
     };
     Ok(TestLine {
         speed_m_s,

@@ -5,10 +5,10 @@ use std::io::{BufReader, BufWriter};
 
 use lasergym_galvo::{
     AccelerationEnd, Calibration, Compensation, EnergyMap, GalvoError, HeadKnowledge, JobReader,
-    LINE_ACTION, LINE_OBSERVATION, LaserControl, LineOptions, LineOutcome, LineScales,
-    LineTask, LineTrial, Method, PostOptions, ProgramFormat, ProgramReader, ProgramWriter, PulseGrid,
-    Regression, Report, ScanHead, marked_box, measure_line, postprocess, read_test_lines, simulate,
-    test_pattern,
+    LINE_ACTION, LINE_OBSERVATION, LaserControl, LineOptions, LineOutcome, LineScales, LineTask,
+    LineTrial, Method, PostOptions, ProgramFormat, ProgramReader, ProgramWriter, PulseGrid,
+    Regression, Report, ScanHead, identify, identify_best, marked_box, measure_line, postprocess,
+    read_test_lines, read_trajectory, simulate, test_pattern,
 };
 use lasergym_geom::Point;
 use numpy::ndarray::Array2;
@@ -236,6 +236,33 @@ pub(crate) fn galvo_calibrate(lines: &str) -> PyResult<(String, Vec<[f64; 5]>)> 
         ]
     };
     Ok((found.to_toml(), vec![row(&found.lag), row(&found.acceleration)]))
+}
+
+/// Fits a model to a recorded trajectory: family, TOML, (parameter, value, 95 % half-width) of each, and
+/// the root mean square, µm. `family` is the name of one or "best".
+#[pyfunction]
+pub(crate) fn galvo_identify(
+    py: Python<'_>,
+    trajectory: &str,
+    family: &str,
+) -> PyResult<(&'static str, String, Vec<(&'static str, f64, f64)>, f64)> {
+    let samples = read_trajectory(trajectory).map_err(galvo_error)?;
+    let asked = ModelFamily::ALL.into_iter().find(|one| one.name() == family);
+    let found = match (asked, family) {
+        (Some(family), _) => py.detach(|| identify(&samples, family)),
+        (None, "best") => py.detach(|| identify_best(&samples)),
+        _ => {
+            let accepted = "\"best\", \"bessel\", \"second-order\" or \"acceleration-time\"";
+            return Err(choice("family", family, accepted));
+        }
+    }
+    .map_err(galvo_error)?;
+    let names = found.family.parameters().iter();
+    let parameters = names
+        .zip(found.values.iter().zip(&found.confidence_95))
+        .map(|(name, (value, width))| (*name, *value, *width))
+        .collect();
+    Ok((found.family.name(), found.to_toml(), parameters, found.rms_um))
 }
 
 /// A cutter-location file of test lines.

@@ -37,9 +37,28 @@ const ACCEPTED: &str = "GOTO FROM GODLTA CIRCLE RAPID FEDRAT UNITS FINI PARTNO P
     MSYS PAINT DISPLY LASER";
 
 const IGNORED: [&str; 22] = [
-    "PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "MULTAX", "LOADTL", "LOAD", "TOOLNO", "TOOL",
-    "SPINDL", "COOLNT", "CUTTER", "INTOL", "OUTTOL", "MACHIN", "END", "END-OF-PATH", "MSYS", "PAINT",
-    "DISPLY", "LASER",
+    "PARTNO",
+    "PPRINT",
+    "REMARK",
+    "INSERT",
+    "TPRINT",
+    "MULTAX",
+    "LOADTL",
+    "LOAD",
+    "TOOLNO",
+    "TOOL",
+    "SPINDL",
+    "COOLNT",
+    "CUTTER",
+    "INTOL",
+    "OUTTOL",
+    "MACHIN",
+    "END",
+    "END-OF-PATH",
+    "MSYS",
+    "PAINT",
+    "DISPLY",
+    "LASER",
 ];
 
 /// Two heights within this are one, µm.
@@ -128,7 +147,8 @@ impl<R: BufRead> AptReader<R> {
             }
             // Columns are counted in the line where a statement begins, or in its last.
             let statement = std::mem::take(&mut self.joined);
-            let lines = Lines { first: first_line, last: self.source.line, last_start: last_line_start };
+            let lines =
+                Lines { first: first_line, last: self.source.line, last_start: last_line_start };
             let step = self.statement(&statement, lines);
             self.joined = statement;
             if let Some(step) = step? {
@@ -283,7 +303,9 @@ impl<R: BufRead> AptReader<R> {
         let jumps = std::mem::take(&mut self.rapid) || self.at_um.is_none();
         let arc = self.center_um.take();
         if climbs && !jumps {
-            return Err(place.fault("", "RAPID before a GOTO that changes z: a head marks in a plane"));
+            return Err(
+                place.fault("", "RAPID before a GOTO that changes z: a head marks in a plane")
+            );
         }
         self.at_um = Some(to_um);
         let speed_m_s = self.speed_m_s;

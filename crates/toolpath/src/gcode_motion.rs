@@ -4,11 +4,11 @@ use std::io::BufRead;
 
 use lasergym_geom::Point;
 
+use crate::ToolpathError;
 use crate::error::shortened;
 use crate::gcode_words::{Word, next_word};
 use crate::line_source::LineSource;
 use crate::vector_step::MAX_VECTOR_UM;
-use crate::ToolpathError;
 
 /// Comments that begin with this are handed out as notes.
 pub const NOTE_PREFIX: &str = "lasergym ";
@@ -154,7 +154,9 @@ impl<R: BufRead> GcodeMotionReader<R> {
         let mut any = false;
         loop {
             let next = next_word(rest, number).map_err(|error| match error {
-                ToolpathError::GcodeOpenComment { .. } => fault(rest, "close the comment in its line"),
+                ToolpathError::GcodeOpenComment { .. } => {
+                    fault(rest, "close the comment in its line")
+                }
                 _ => fault(rest.trim_start(), "a word is a letter and a number, such as X1.5"),
             })?;
             let Some((word, at, after)) = next else { break };
@@ -319,7 +321,8 @@ mod tests {
         let motions = read(text).unwrap();
         assert_eq!(motions[0], GcodeMotion::Note("a=1 b=2".to_owned()));
         assert_eq!(motions[1], GcodeMotion::Rapid { to_um: Point::new(1e3, 1e3) });
-        let expected = [line(2e3, 1e3, 1.0, true), line(2e3, 2e3, 1.0, true), line(3e3, 2e3, 1.0, false)];
+        let expected =
+            [line(2e3, 1e3, 1.0, true), line(2e3, 2e3, 1.0, true), line(3e3, 2e3, 1.0, false)];
         assert_eq!(motions[2..], expected);
     }
 

@@ -70,7 +70,8 @@ pub fn arc_chords(
         }
         let angle = sign * sweep * f64::from(k) / f64::from(count);
         // Radii that differ by rounding at both ends are blended.
-        let scale = 1.0 + (end.length() / radius.max(1e-12) - 1.0) * f64::from(k) / f64::from(count);
+        let scale =
+            1.0 + (end.length() / radius.max(1e-12) - 1.0) * f64::from(k) / f64::from(count);
         center + begin.rotated_about(Point::default(), angle) * scale
     })
 }

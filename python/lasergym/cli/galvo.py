@@ -89,6 +89,34 @@ def calibrate(
     print_data(made)
 
 
+@galvo.command("identify")
+def identify(
+    trajectory: Annotated[
+        Path, typer.Argument(metavar="TRAJECTORY", help="time_us,command_um,position_um.")
+    ],
+    output: Annotated[Path | None, option("-o", "--output", help="Head file to write.")] = None,
+    family: Annotated[
+        str, option("--family", help="best, bessel, second-order or acceleration-time.")
+    ] = "best",
+    as_json: JsonOption = False,
+) -> None:
+    """Fit a model of the head to a recorded trajectory."""
+    found = heads.identify(trajectory, family=family)
+    if output is not None:
+        _write(output, found.toml)
+    if as_json:
+        values = {name: value for name, value, _ in found.parameters}
+        widths = {f"{name}_confidence_95": width for name, _, width in found.parameters}
+        report = {"family": found.family, **values, **widths, "rms_um": found.rms_um}
+        print_json({**report, "version": lasergym.__version__})
+        return
+    made = table("parameter", "value", "± 95 %")
+    for name, value, width in found.parameters:
+        made.add_row(name, f"{value:.4g}", f"{width:.2g}")
+    made.caption = f"{found.family}, rms {found.rms_um:.3g} µm"
+    print_data(made)
+
+
 @galvo.command("postprocess")
 @galvo.command("post", hidden=True)
 def postprocess(
