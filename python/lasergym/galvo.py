@@ -242,8 +242,8 @@ def identify(trajectory: str | Path, *, family: str = "best") -> Identification:
     """Fits a model of an axis to a recorded trajectory, by least squares.
 
     Args:
-        trajectory: Name of a CSV file with the columns ``time_us,command_um,position_um``, from rest
-            on; the command is linear between samples.
+        trajectory: Name of a CSV file with the columns ``time_us,command_um,position_um``, from
+            rest on; the command is linear between samples.
         family: ``"best"`` of all, or the name of one.
 
     Raises:

@@ -118,6 +118,29 @@ def test_tuning_is_never_worse_than_the_formulas() -> None:
     assert delays.cost <= delays.formula_cost
 
 
+def test_a_recorded_head_is_found(tmp_path: Path) -> None:
+    # Constant acceleration for 300 µs, 20 µs late: the mean of the command over that time.
+    time_us = np.arange(0.0, 3000.0, 5.0)
+
+    def climbed(t: np.ndarray) -> np.ndarray:
+        ramp = np.clip(t, 0, 1500)
+        return ramp**2 + 2 * 1500 * np.clip(t - 1500, 0, None)
+
+    position = (climbed(time_us - 20) - climbed(time_us - 320)) / 300
+    command = 2 * np.clip(time_us, 0, 1500)
+    path = tmp_path / "recorded.csv"
+    rows = np.column_stack([time_us, command, position])
+    np.savetxt(path, rows, delimiter=",", header="time_us,command_um,position_um", comments="")
+    found = galvo.identify(path)
+    assert found.family == "acceleration-time"
+    values = {name: value for name, value, _ in found.parameters}
+    assert values["acceleration_time_us"] == pytest.approx(300, abs=0.1)
+    assert values["dead_time_us"] == pytest.approx(20, abs=0.1)
+    head = tmp_path / "head.toml"
+    assert main(["galvo", "identify", str(path), "-o", str(head), "--json"]) == 0
+    assert galvo.compensation(head, speed_m_s=1.0).lag_us == pytest.approx(170, abs=0.2)
+
+
 def test_mistakes_say_what_to_do(tmp_path: Path) -> None:
     job = tmp_path / "job.apt"
     job.write_text("GOTO/0,0\nGOTO/1,oops\n")
