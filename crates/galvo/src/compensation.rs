@@ -137,7 +137,7 @@ impl UnitRun {
     fn new(axis: &AxisModel, tolerance: f64) -> Self {
         // Linear heads have forgotten the start after some lags.
         let end_us = 12.0 * axis.lag_us().max(1.0);
-        let steps = 4800;
+        let steps = 2400;
         let step_us = end_us / f64::from(steps);
         let mut tracker = started(axis, 2.0 * end_us);
         let mut run = Self { settled_us: 0.0, position_us: 0.0, holding_us: 0.0 };
@@ -173,6 +173,11 @@ impl UnitRun {
             settling_us: run_in_us,
         }
     }
+}
+
+/// Acceleration length at 1 m/s within `tolerance`, µm per m/s.
+pub(crate) fn acceleration_us(axis: &AxisModel, tolerance: f64) -> f64 {
+    UnitRun::new(axis, tolerance).position_us
 }
 
 /// An axis that starts to move at 1 m/s.

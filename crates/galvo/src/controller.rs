@@ -8,7 +8,7 @@ use crate::program::{ProgramSettings, ProgramStep};
 use crate::{GalvoError, ScanHead};
 
 /// Most pulses of a program.
-pub const MAX_PROGRAM_PULSES: u64 = 1_000_000_000;
+pub const MAX_PROGRAM_PULSES: u64 = crate::player::MAX_PULSES;
 
 /// One end of a stroke as it was drawn, without run-in and run-out.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -87,7 +87,12 @@ pub struct Player<'a> {
     /// How far a gate may close before the clock, µs.
     hold_us: f64,
     split: TimeSplit,
+    /// Pulses so far.
+    fired: u64,
 }
+
+/// Most pulses that are fired; later ones are dropped.
+pub(crate) const MAX_PULSES: u64 = 200_000_000;
 
 impl<'a> Player<'a> {
     /// A head at rest at `start_um`.
@@ -103,6 +108,7 @@ impl<'a> Player<'a> {
             gates: VecDeque::new(),
             hold_us: 0.0,
             split: TimeSplit::default(),
+            fired: 0,
         }
     }
 
@@ -170,6 +176,10 @@ impl<'a> Player<'a> {
     pub fn fire(&mut self, sink: &mut impl FnMut(&PulseLanding)) {
         let train = self.head.laser.train;
         while let Some(gate) = self.gates.front().copied() {
+            if self.fired > MAX_PULSES {
+                self.gates.clear();
+                break;
+            }
             let pulse_us = gate.next_pulse_us(train);
             match gate.off_us {
                 Some(off_us) if pulse_us > off_us => {
@@ -194,6 +204,7 @@ impl<'a> Player<'a> {
                 first: pulse_us - gate.on_us < gate.period_us,
                 period_us: gate.period_us,
             });
+            self.fired += 1;
             if let Some(front) = self.gates.front_mut() {
                 front.next += 1;
             }
