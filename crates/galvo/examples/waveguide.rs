@@ -3,9 +3,10 @@
 //!
 //! `cargo run --release -p lasergym-galvo --example waveguide`
 //!
-//! A channel of 80 µm and one with irises of 40 µm; hatch 5 µm, back and forth, the layers one after
-//! another. The depth at a place is the number of Gaussian pulses on it, since the paper's ablation
-//! rate is not known; edges are the outermost 10 µm that a spot covers fully.
+//! Vectors of 80 µm, and in a second channel a quarter of 40 µm; hatch 5 µm, back and forth, the
+//! layers one after another. The depth at a place is the sum of Gaussian pulses on it, since the
+//! paper's ablation rate is not known; edges are the outermost 10 µm that a spot covers fully (of the
+//! first channel; the second has no single edge). Vectors are not shortened by the beam in any trial.
 
 use std::error::Error;
 
@@ -85,8 +86,8 @@ fn trial(head: &ScanHead, options: PostOptions, irises: bool) -> Result<Trial, B
     let mean = |from: i32, to: i32| {
         (from..=to).map(|y| at(f64::from(y))).sum::<f64>() / f64::from(to - from + 1)
     };
-    // The spot covers places fully from one of its diameters inside the edge on.
-    let (inner, outer) = (10, 20);
+    // The spot covers places fully from its radius inside the edge on.
+    let (inner, outer) = (20, 30);
     let edges = [mean(-outer, -inner), mean(inner, outer)];
     let centre = mean(-5, 5);
     let half = 0.5 * centre;
@@ -106,7 +107,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let lag_us = head.x.lag_us();
     let fast = PostOptions {
         speed_m_s: Some(SPEED_M_S),
-        beam_um: SPOT_UM,
+        beam_um: 0.0,
         pitch_um: Some(PITCH_UM),
         tolerance: 0.05,
         ..PostOptions::default()

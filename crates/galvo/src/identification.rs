@@ -159,7 +159,8 @@ pub fn identify(
         let beyond = 100.0 * values[1].min(0.0);
         Some(samples.iter().zip(modelled).map(|(s, x)| x - s.position_um + beyond).collect())
     };
-    let fits = family.starts(lag_us).into_iter().filter_map(|start| least_squares(&start, residuals));
+    let fits =
+        family.starts(lag_us).into_iter().filter_map(|start| least_squares(&start, residuals));
     let best: Option<Fit> = fits.fold(None, |best: Option<Fit>, fit| match best {
         Some(best) if best.rms <= fit.rms => Some(best),
         _ => Some(fit),
@@ -201,8 +202,7 @@ pub fn identify_best(samples: &[TrajectorySample]) -> Result<Identification, Gal
 fn lag_of(samples: &[TrajectorySample]) -> Option<f64> {
     let (mut products, mut squares) = (0.0, 0.0);
     for pair in samples.windows(2) {
-        let speed =
-            (pair[1].command_um - pair[0].command_um) / (pair[1].time_us - pair[0].time_us);
+        let speed = (pair[1].command_um - pair[0].command_um) / (pair[1].time_us - pair[0].time_us);
         products += speed * (pair[1].command_um - pair[1].position_um);
         squares += speed * speed;
     }
@@ -277,9 +277,8 @@ mod tests {
     #[test]
     fn useless_recordings_are_refused() {
         let still = TrajectorySample { time_us: 0.0, command_um: 1.0, position_um: 1.0 };
-        let resting: Vec<TrajectorySample> = (0..20)
-            .map(|k| TrajectorySample { time_us: f64::from(k), ..still })
-            .collect();
+        let resting: Vec<TrajectorySample> =
+            (0..20).map(|k| TrajectorySample { time_us: f64::from(k), ..still }).collect();
         for samples in [vec![still; 3], vec![still; 20], resting] {
             let error = identify(&samples, ModelFamily::Bessel).unwrap_err();
             assert!(matches!(error, GalvoError::Calibration { .. }), "{error}");

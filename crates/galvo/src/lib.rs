@@ -44,8 +44,8 @@ pub use energy_map::{EnergyMap, MAX_MAP_CELLS};
 pub use error::GalvoError;
 pub use field::Field;
 pub use identification::{
-    Identification, MAX_TRAJECTORY_SAMPLES, ModelFamily, TRAJECTORY_HEADER, TrajectorySample, identify,
-    identify_best, read_trajectory,
+    Identification, MAX_TRAJECTORY_SAMPLES, ModelFamily, TRAJECTORY_HEADER, TrajectorySample,
+    identify, identify_best, read_trajectory,
 };
 pub use judge::{Judge, Report, StrokeMeasure};
 pub use laser::{Laser, PulseTrain};

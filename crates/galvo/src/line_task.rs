@@ -129,10 +129,7 @@ impl LineTask {
             let noise: f64 = StandardNormal.sample(&mut self.generator);
             Regression::proportional((length_um + self.options.noise_um * noise).max(1.0))
         };
-        self.known = Calibration {
-            lag: measured(lag_us),
-            acceleration: measured(acceleration_um),
-        };
+        self.known = Calibration { lag: measured(lag_us), acceleration: measured(acceleration_um) };
         Ok(())
     }
 

@@ -1,21 +1,49 @@
 //! Any text as a job or a program gives steps or an error with a place, never anything else.
 
 use lasergym_galvo::{
-    HeadKnowledge, JobReader, PostOptions, ProgramFormat, ProgramReader, ScanHead, postprocess_text,
-    simulate,
+    HeadKnowledge, JobReader, PostOptions, ProgramFormat, ProgramReader, ScanHead,
+    postprocess_text, simulate,
 };
 use proptest::prelude::*;
 
 /// Pieces of cutter-location files.
 const APT: [&str; 24] = [
-    "GOTO/", "FROM/", "GODLTA/", "CIRCLE/", "RAPID", "FEDRAT/", "UNITS/", "MM", "INCHES", "MMPM", "IPM",
-    "FINI", "PARTNO x", "$", "$$", "\n", "\n", ",", "0", "1.5", "-2", "1e-3", " ", "é",
+    "GOTO/", "FROM/", "GODLTA/", "CIRCLE/", "RAPID", "FEDRAT/", "UNITS/", "MM", "INCHES", "MMPM",
+    "IPM", "FINI", "PARTNO x", "$", "$$", "\n", "\n", ",", "0", "1.5", "-2", "1e-3", " ", "é",
 ];
 
 /// Pieces of programs.
 const GCODE: [&str; 30] = [
-    "G0", "G1", "G2", "G3", "G4", "G20", "G21", "G90", "G91", "M3", "M4", "M5", "M2", "M67 E0", "X", "Y",
-    "I", "J", "R", "F600", "S9", "Q1", "P0.1", "\n", "\n", "1", "-0.5", "(lasergym mark_us=", ")", ";",
+    "G0",
+    "G1",
+    "G2",
+    "G3",
+    "G4",
+    "G20",
+    "G21",
+    "G90",
+    "G91",
+    "M3",
+    "M4",
+    "M5",
+    "M2",
+    "M67 E0",
+    "X",
+    "Y",
+    "I",
+    "J",
+    "R",
+    "F600",
+    "S9",
+    "Q1",
+    "P0.1",
+    "\n",
+    "\n",
+    "1",
+    "-0.5",
+    "(lasergym mark_us=",
+    ")",
+    ";",
 ];
 
 fn text_of(pieces: &'static [&'static str]) -> impl Strategy<Value = String> {

@@ -34,8 +34,7 @@ fn programs() -> Result<(), Box<dyn Error>> {
         ("mach4", LaserControl::Delays, "part-mach4.nc"),
         ("rtc", LaserControl::Delays, "part-rtc.csv"),
     ] {
-        let options =
-            PostOptions { control, pitch_um: Some(20.0), ..PostOptions::default() };
+        let options = PostOptions { control, pitch_um: Some(20.0), ..PostOptions::default() };
         let format = ProgramFormat::of_name(dialect)?;
         let (written, vectors) =
             postprocess_text(&head, &knowledge, &options, ("part.apt", &job), format, 255.0)?;

@@ -29,6 +29,9 @@ type Judgement<'py> = (
     Option<(Bound<'py, PyArray2<f32>>, Bound<'py, PyBytes>)>,
 );
 
+/// Family, TOML, (parameter, value, 95 % half-width) of each, and the root mean square, µm.
+type Identified = (&'static str, String, Vec<(&'static str, f64, f64)>, f64);
+
 /// How a job becomes a program.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
@@ -245,7 +248,7 @@ pub(crate) fn galvo_identify(
     py: Python<'_>,
     trajectory: &str,
     family: &str,
-) -> PyResult<(&'static str, String, Vec<(&'static str, f64, f64)>, f64)> {
+) -> PyResult<Identified> {
     let samples = read_trajectory(trajectory).map_err(galvo_error)?;
     let asked = ModelFamily::ALL.into_iter().find(|one| one.name() == family);
     let found = match (asked, family) {
