@@ -6,9 +6,9 @@ use std::io::{BufReader, BufWriter};
 use lasergym_galvo::{
     AccelerationEnd, Calibration, Compensation, EnergyMap, GalvoError, HeadKnowledge, JobReader,
     LINE_ACTION, LINE_OBSERVATION, LaserControl, LineOptions, LineOutcome, LineScales, LineTask,
-    LineTrial, Method, PostOptions, ProgramFormat, ProgramReader, ProgramWriter, PulseGrid,
-    Regression, Report, ScanHead, identify, identify_best, marked_box, measure_line, postprocess,
-    read_test_lines, read_trajectory, simulate, test_pattern,
+    LineTrial, Method, ModelFamily, PostOptions, ProgramFormat, ProgramReader, ProgramWriter,
+    PulseGrid, Regression, Report, ScanHead, identify, identify_best, marked_box, measure_line,
+    postprocess, read_test_lines, read_trajectory, simulate, test_pattern,
 };
 use lasergym_geom::Point;
 use numpy::ndarray::Array2;
