@@ -91,7 +91,8 @@ impl HeadKnowledge {
             (Method::None, _) => Compensation { lag_us, settling_us, ..Compensation::default() },
             (Method::DelaysOnly, Self::Model(axis)) => Compensation {
                 on_us: passing_us(axis, half_us, 0.0),
-                off_us: leaving_us(axis, half_us),
+                // Within half a micrometre per m/s: the last of the way takes for ever.
+                off_us: leaving_us(axis, half_us.max(0.5)),
                 lag_us,
                 settling_us,
                 ..Compensation::default()
