@@ -184,7 +184,7 @@ pub enum MillingError {
         reason: String,
     },
     /// A file whose name does not say which heights it holds.
-    #[error("{name} must end in one of .npy, .asc, .dem, .png, .stl")]
+    #[error("{name} must end in one of .npy, .asc, .dem, .png, .tif, .tiff, .stl")]
     HeightFormat {
         /// The name.
         name: String,

@@ -33,6 +33,7 @@ mod sloped_step;
 mod solver;
 mod stl;
 mod switching;
+mod tiff_heights;
 mod trench;
 
 pub use abel::abel_inversion;
