@@ -234,19 +234,28 @@ impl Simulator {
         for (pass, kept) in kept.into_iter().enumerate().rev() {
             path.steps(pass, self.substeps, &self.law, &mut steps);
             let length = self.kernel.tape_len(steps.len());
-            let tape = match kept {
-                Kept::Tape(start) => memory.range(start, length),
+            let (tape, band) = match kept {
+                Kept::Tape(start) => (memory.range(start, length), None),
                 Kept::Band(cells, band) => {
-                    // Taped passes come before all of these and do not need the depth.
                     let tape = memory.range(used, length);
                     depth_um[cells.clone()].copy_from_slice(&band);
                     self.kernel.apply_taped(&steps, &mut depth_um, tape, &mut scratch);
-                    depth_um[cells].copy_from_slice(&band);
-                    tape
+                    (tape, Some((cells, band)))
                 }
             };
-            self.kernel.apply_transpose(&steps, tape, &mut adjoint, &mut by_step, &mut scratch);
-            Self::add_to_controls(path, pass, &steps, &by_step, &mut gradient);
+            let (by_step, scratch) = (&mut by_step, &mut scratch);
+            self.kernel.apply_transpose(
+                &steps,
+                tape,
+                &mut depth_um,
+                &mut adjoint,
+                by_step,
+                scratch,
+            );
+            if let Some((cells, band)) = band {
+                depth_um[cells].copy_from_slice(&band);
+            }
+            Self::add_to_controls(path, pass, &steps, by_step, &mut gradient);
         }
         Ok(gradient)
     }
@@ -321,7 +330,7 @@ impl Simulator {
         for pass in 0..path.passes() {
             path.steps(pass, self.substeps, &self.law, &mut steps);
             let (adjoint, by_step) = (&mut adjoint, &mut by_step);
-            self.kernel.apply_transpose(&steps, &mut [], adjoint, by_step, &mut scratch);
+            self.kernel.apply_transpose(&steps, &[], &mut [], adjoint, by_step, &mut scratch);
             for (step, by_step) in steps.iter().zip(by_step) {
                 let stretch = pass * segments + step.point;
                 effects[stretch].first += step.dose_s * by_step.dose;

@@ -48,8 +48,9 @@ impl NativeBatch {
             threads: usize::try_from(threads)
                 .map_err(|_| option_error("threads", threads, "at least 1"))?,
         };
-        let batch =
-            Batch::new(settings.task()?, settings.options()?, options).map_err(ablation_error)?;
+        let environment =
+            Environment::new(settings.task()?, settings.options()?).map_err(ablation_error)?;
+        let batch = Batch::new(environment, options).map_err(ablation_error)?;
         Ok(Self { batch })
     }
 
