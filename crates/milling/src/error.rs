@@ -131,6 +131,35 @@ pub enum MillingError {
         /// What is accepted.
         expected: &'static str,
     },
+    /// A spot is not usable.
+    #[error("{name} of spot {index} is {value}: it must be {expected}")]
+    Spot {
+        /// Index of the spot.
+        index: usize,
+        /// Name of the value, unit included.
+        name: &'static str,
+        /// The value.
+        value: f64,
+        /// What is accepted.
+        expected: &'static str,
+    },
+    /// An action has a component that is not a number or infinite.
+    #[error(
+        "action of environment {environment} is ({x}, {y}, {dwell}): its components must be finite, in [-1, 1]"
+    )]
+    ActionNotFinite {
+        /// Index of the environment.
+        environment: usize,
+        /// First component.
+        x: f32,
+        /// Second component.
+        y: f32,
+        /// Third component.
+        dwell: f32,
+    },
+    /// A batch of environments cannot be made or stepped.
+    #[error(transparent)]
+    Batch(#[from] lasergym_batch::BatchError),
     /// A step removes so much that the surface would ripple.
     #[error(
         "the step is unstable: its Courant number is {courant}, above {limit}; use at least {substeps} substeps per point"

@@ -87,7 +87,7 @@ impl MillingJob {
         let objective = Objective::new(grid, target_um, rows, columns)?;
         let (_, longest) = profile.dwell_range_s_mm();
         let substeps = Simulator::stable_substeps(&profile.process, cell_um, spacing_um, longest);
-        // Free passes are longer than straight ones.
+        // Free passes are longer than straight ones; the solver takes only those that stay stable.
         let simulator = Simulator::new(grid, &profile.process, substeps)?;
         Ok(Self { profile, target, objective, simulator, layers, layout })
     }

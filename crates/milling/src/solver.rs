@@ -349,7 +349,12 @@ impl Smooth for Controls<'_> {
         self.set(x);
         let objective = self.job.objective();
         let simulator = self.job.simulator();
-        let found = simulator.gradient(&self.path, self.start_um, objective, &mut self.memory)?;
+        let found = match simulator.gradient(&self.path, self.start_um, objective, &mut self.memory)
+        {
+            // A free pass may be so much longer than its line that its steps would be unstable.
+            Err(MillingError::Unstable { .. }) => return Ok(f64::INFINITY),
+            other => other?,
+        };
         self.latest.set(objective.tracking_error(&found.depth_um)?.percent);
         let law = &self.job.profile().process.law;
         let reach_um = self.job.profile().process.footprint.reach_um();

@@ -11,7 +11,7 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::errors::{exception, option_error, toolpath_error};
+use crate::errors::{batch_error, exception, option_error, toolpath_error};
 
 /// y (µm), dwell (s/mm), both of shape (passes, points), and beam on, shape (passes, points − 1).
 type Controls<'py> =
@@ -325,10 +325,14 @@ fn errors(error: &TrackingError) -> Errors {
 }
 
 /// The exception of a [`MillingError`].
-fn milling_error(error: MillingError) -> PyErr {
+pub(crate) fn milling_error(error: MillingError) -> PyErr {
+    if let MillingError::Batch(error) = error {
+        return batch_error(error);
+    }
     let class = match &error {
         MillingError::InvalidOption { .. } | MillingError::UnknownProfile { .. } => "OptionError",
         MillingError::EmptyTarget => "EmptyTargetError",
+        MillingError::ActionNotFinite { .. } => "ActionNotFiniteError",
         MillingError::TargetValue { .. }
         | MillingError::TooDeep { .. }
         | MillingError::TooShallow { .. }
