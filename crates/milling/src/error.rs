@@ -49,16 +49,30 @@ pub enum MillingError {
     /// A target with nothing to remove.
     #[error("the target is 0 µm deep everywhere: there is nothing to remove")]
     EmptyTarget,
+    /// A measured surface that does not lie over the target.
+    #[error(
+        "the measured surface is {measured_width_um} × {measured_height_um} µm, but the target is {width_um} × {height_um} µm: measure the whole target and nothing beside it"
+    )]
+    MeasuredSize {
+        /// Width of the target, µm.
+        width_um: f64,
+        /// Height of the target, µm.
+        height_um: f64,
+        /// Width of the measured surface, µm.
+        measured_width_um: f64,
+        /// Height of the measured surface, µm.
+        measured_height_um: f64,
+    },
     /// The target is deeper than the passes can reach.
     #[error(
-        "the target is {depth_um} µm deep at row {row}, column {column}, but {layers} layers reach {reach_um} µm: allow {needed} layers"
+        "{depth_um} µm are to be removed at row {row}, column {column}, but {layers} layers reach {reach_um} µm: allow {needed} layers"
     )]
     TooDeep {
         /// Row of the deepest cell.
         row: usize,
         /// Column of the deepest cell.
         column: usize,
-        /// Its depth, µm.
+        /// What is to be removed there, µm.
         depth_um: f64,
         /// Layers allowed.
         layers: usize,

@@ -25,8 +25,11 @@ __all__ = ["NativeVectorEnv"]
 class _Settings(Protocol):
     """What the settings of a process know of its spaces."""
 
-    def observation_space(self) -> ImageSpace: ...
-    def action_space(self) -> ActionSpace: ...
+    def observation_space(self) -> ImageSpace:
+        """The space of one observation."""
+
+    def action_space(self) -> ActionSpace:
+        """The space of one action."""
 
 
 class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[Any]]):
@@ -35,9 +38,11 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
     progress_keys: ClassVar[tuple[str, ...]]
     """Names of the figures of progress in ``infos``, as the native batch orders them."""
 
+    settings: Any
+    _batch: Any
+
     def _make(
         self,
-        settings: _Settings,
         native: Callable[[int, str, int | None, int], Any],
         *,
         num_envs: int,
@@ -50,16 +55,8 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
     ) -> None:
         """Checks the arguments that all vector environments share and makes the batch.
 
-        Args:
-            settings: The spaces.
-            native: Makes the native batch of (number, autoreset mode, step limit, threads).
-            num_envs: See the environments, as the others.
-            max_episode_steps: …
-            autoreset_mode: …
-            threads: …
-            copy: …
-            episode_statistics: …
-            render_mode: …
+        ``self.settings`` must be set; ``native`` makes the batch of (number, autoreset mode, step
+        limit, threads). See :class:`lasergym.envs.AblationVectorEnv` for the others.
         """
         if render_mode not in (None, "rgb_array"):
             raise RenderModeError(
@@ -83,19 +80,26 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
         }
         self.num_envs = num_envs
         self.render_mode = render_mode
+        settings: _Settings = self.settings
         self.single_observation_space = settings.observation_space()
-        self.single_action_space = settings.action_space()
-        self.action_space = batched_box(self.single_action_space, num_envs)
+        action_space = settings.action_space()
+        self.single_action_space = action_space
+        self.action_space = batched_box(action_space, num_envs)
         self.max_episode_steps = max_episode_steps
         self.copy = copy
         self.episode_statistics = episode_statistics
-        self._native = native(num_envs, self.autoreset_mode.value, max_episode_steps, threads)
+        self._batch = native(num_envs, self.autoreset_mode.value, max_episode_steps, threads)
+        self._action_shape = (num_envs, *action_space.shape)
         shape = (num_envs, *self.single_observation_space.shape)
         self._observations = np.zeros(shape, np.uint8)
         same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
         self._final_observations = np.zeros(shape, np.uint8) if same_step else None
         self._generators: list[np.random.Generator] = []
         self._started_s = np.zeros(num_envs)
+
+    def render_one(self, index: int) -> NDArray[np.uint8] | None:
+        """A picture of one environment, see :meth:`render`."""
+        raise NotImplementedError
 
     def _as_target(self, target: Any) -> Any:
         """A target as the native batch takes it."""
@@ -110,7 +114,7 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
     @cached_property
     def observation_space(self) -> ImageSpace:  # type: ignore[override]  # made lazily
         """The space of batched observations, made when first asked for."""
-        return batched_box(self.single_observation_space, self.num_envs)
+        return batched_box(self.settings.observation_space(), self.num_envs)
 
     def reset(
         self,
@@ -140,12 +144,12 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
         targets = self._targets(options.get("target"))
         native_seeds = self._native_seeds(seed, mask)
         mask_list = None if mask is None else mask.tolist()
-        self._native.reset(native_seeds, mask_list, self._observations)
+        self._batch.reset(native_seeds, mask_list, self._observations)
         resets = np.ones(self.num_envs, np.bool_) if mask is None else mask
         for index in np.flatnonzero(resets).tolist():
             target = targets[index]
             if target is not None:
-                self._native.reset_to(index, target, self._observations)
+                self._batch.reset_to(index, target, self._observations)
         self._started_s[resets] = time.perf_counter()
         self._after_reset(resets)
         return self._returned_observations(), self._progress_infos(resets)
@@ -168,12 +172,12 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
                 happened.
             EpisodeOverError: An episode is over and nobody resets it; nothing has happened.
         """
-        array = action_array(actions, self.action_space.shape)
-        self._native.step(array, self._observations, self._final_observations)
+        array = action_array(actions, self._action_shape)
+        self._batch.step(array, self._observations, self._final_observations)
         self._after_step()
-        terminated, truncated = self._native.terminated(), self._native.truncated()
+        terminated, truncated = self._batch.terminated(), self._batch.truncated()
         infos = self._progress_infos(np.ones(self.num_envs, np.bool_))
-        finished, success, episode_return, length = self._native.finished()
+        finished, success, episode_return, length = self._batch.finished()
         if finished.any():
             self._add_final_infos(infos, finished, terminated, success)
             if self.episode_statistics:
@@ -187,7 +191,7 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
                 self._started_s[finished] = now_s
         return (
             self._returned_observations(),
-            self._native.rewards(),
+            self._batch.rewards(),
             terminated,
             truncated,
             infos,
@@ -244,7 +248,7 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
     def _progress_infos(self, where: NDArray[np.bool_]) -> dict[str, Any]:
         """Progress of the episodes that the observations show."""
         infos: dict[str, Any] = {}
-        for key, values in zip(self.progress_keys, self._native.progress(), strict=True):
+        for key, values in zip(self.progress_keys, self._batch.progress(), strict=True):
             infos[key] = values if where.all() else np.where(where, values, 0)
             infos[f"_{key}"] = where.copy()
         return infos
@@ -263,7 +267,7 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
                 infos["_is_success"] = terminated.copy()
             return
         final: dict[str, Any] = {}
-        for key, values in zip(self.progress_keys, self._native.final_progress(), strict=True):
+        for key, values in zip(self.progress_keys, self._batch.final_progress(), strict=True):
             final[key] = values
             final[f"_{key}"] = finished.copy()
         if terminated.any():

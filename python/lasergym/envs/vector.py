@@ -52,6 +52,8 @@ class AblationVectorEnv(NativeVectorEnv):
     """
 
     task: ClassVar[Task]
+    settings: Settings
+    _batch: _native.Batch
     progress_keys = ("machined_fraction", "off_target_fraction", "pulses")
 
     def __init__(
@@ -87,7 +89,6 @@ class AblationVectorEnv(NativeVectorEnv):
             stop_on_miss=stop_on_miss,
         )
         self._make(
-            self.settings,
             lambda *counts: _native.Batch(self.settings.as_native(), *counts),
             num_envs=num_envs,
             max_episode_steps=max_episode_steps,
@@ -119,11 +120,11 @@ class AblationVectorEnv(NativeVectorEnv):
 
     def remaining(self, index: int) -> Target:
         """Target pixels of one environment that are not machined yet, Boolean (100, 100)."""
-        return self._native.layers(index)[0]
+        return self._batch.layers(index)[0]
 
     def forbidden(self, index: int) -> Target:
         """Pristine pixels of one environment that must stay, Boolean (100, 100)."""
-        return self._native.layers(index)[1]
+        return self._batch.layers(index)[1]
 
     def _after_reset(self, where: NDArray[np.bool_]) -> None:
         """Begins the pictures of new episodes."""
@@ -144,7 +145,7 @@ class AblationVectorEnv(NativeVectorEnv):
         """Adds the pulses of the last step to the pictures."""
         if self.render_mode is None:
             return
-        pulses = self._native.last_pulses()
+        pulses = self._batch.last_pulses()
         begun = np.isnan(pulses[:, 0])
         for trajectory, pulse in zip(self._trajectories, pulses.tolist(), strict=True):
             trajectory.add(*pulse)
