@@ -60,7 +60,8 @@ def compare(
         str | None,
         option(
             "--max-pulses",
-            help="Pulse budget, like 45 or area/125. Default: 45, random shapes area/125, milling 200.",
+            help="Pulse budget, like 45 or area/125. "
+            "Default: 45, random shapes area/125, milling 200.",
         ),
     ] = None,
     planners: Annotated[

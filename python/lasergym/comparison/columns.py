@@ -50,9 +50,7 @@ DEFAULT_PLANNERS: tuple[str, ...] = ("raster", "raster-fine", "greedy", "anneal"
 
 
 def planners_of(task: str) -> tuple[str, ...]:
-    """The planners that can do a task: those of spots for depth maps, those of pulses for all
-    others.
-    """
+    """The planners that can do a task: of spots for depth maps, of pulses for all others."""
     return SPOT_PLANNERS if task == "milling" else PLANNERS
 
 

@@ -22,8 +22,8 @@ _REMARKS = (
 )
 
 _MILLING_REMARK = (
-    "Of depth maps (milling), percentages are of the target's volume, and the reward is the fall of "
-    "the tracking error: what is removed above the target less what is removed below it."
+    "Of depth maps (milling), percentages are of the target's volume, and the reward is the fall "
+    "of the tracking error: what is removed above the target less what is removed below it."
 )
 
 _PUBLISHED = {

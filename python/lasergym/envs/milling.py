@@ -145,7 +145,8 @@ class MillingEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
 
         Args:
             seed: Starts the random stream anew; without it the stream goes on.
-            options: ``{"target": depths}`` (µm, shape (100, 100)) mills that target in this episode.
+            options: ``{"target": depths}`` (µm, shape (100, 100)) mills that target in this
+                episode.
 
         Returns:
             The first observation and its info.
