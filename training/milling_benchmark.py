@@ -131,7 +131,8 @@ def report(name: str, target_um: NDArray[np.float64], **settings: Any) -> None:
     print(
         f"{name:<24} layers {result.layers}, passes {len(result.passes.y_um)}, controls "
         f"{2 * result.passes.y_um.size}: pixel by pixel "
-        f"{result.pixel_by_pixel_error_percent:.2f} %, straight {straight:.3f} %, free {result.tracking_error_percent:.3f} %; {wall:.1f} s, "
+        f"{result.pixel_by_pixel_error_percent:.2f} %, straight {straight:.3f} %, "
+        f"free {result.tracking_error_percent:.3f} %; {wall:.1f} s, "
         f"processor {processor:.1f} s, {memory_mb:.0f} MB"
     )
 
