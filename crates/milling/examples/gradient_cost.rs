@@ -9,8 +9,11 @@ use std::time::Instant;
 
 use lasergym_milling::{DepthMap, GradientMemory, JobOptions, MillingJob, Profile};
 
-/// Repetitions of which the fastest counts.
-const ROUNDS: usize = 15;
+/// Time for each of the two, s: the system counts processor time in steps of some milliseconds.
+const ENOUGH_S: f64 = 1.0;
+
+/// Runs of one kind between two looks at the clock take about so long, s.
+const TURN_S: f64 = 0.05;
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!("process          controls  passes  forward ms  gradient ms  gradient/forward");
@@ -36,25 +39,37 @@ fn report(name: &str, side: f64) -> Result<(), Box<dyn Error>> {
     let job = MillingJob::new(&target, profile, JobOptions::default())?;
     let path = job.pixel_by_pixel(job.start_um(), job.layers())?;
     let mut memory = GradientMemory::default();
-    let (mut forward_s, mut gradient_s) = (f64::INFINITY, f64::INFINITY);
-    // Turn by turn, so that other work slows both alike.
-    for _ in 0..ROUNDS {
-        let started = Clock::now();
+    let forward = || {
         let mut depth_um = job.start_um().to_vec();
-        job.simulator().mill(&path, &mut depth_um)?;
-        black_box(depth_um);
-        forward_s = forward_s.min(started.elapsed_s());
-        let started = Clock::now();
+        black_box(job.simulator().mill(&path, &mut depth_um))
+    };
+    let mut gradient = || {
         let start_um = job.start_um();
-        black_box(job.simulator().gradient(&path, start_um, job.objective(), &mut memory)?);
-        gradient_s = gradient_s.min(started.elapsed_s());
+        let found = job.simulator().gradient(&path, start_um, job.objective(), &mut memory);
+        black_box(found).map(drop)
+    };
+    let started = Instant::now();
+    forward()?;
+    gradient()?;
+    let runs = (TURN_S / started.elapsed().as_secs_f64()).ceil() as usize;
+    let (mut forward_s, mut gradient_s, mut turns) = (0.0, 0.0, 0);
+    // Turn by turn, so that other work slows both alike.
+    while forward_s < ENOUGH_S {
+        let started = Clock::now();
+        (0..runs).try_for_each(|_| forward())?;
+        forward_s += started.elapsed_s();
+        let started = Clock::now();
+        (0..runs).try_for_each(|_| gradient())?;
+        gradient_s += started.elapsed_s();
+        turns += 1;
     }
+    let all = (turns * runs) as f64;
     println!(
         "{name:<16} {:>8} {:>7} {:>11.3} {:>12.3} {:>17.2}",
         2 * path.y_um.len(),
         path.passes(),
-        1e3 * forward_s,
-        1e3 * gradient_s,
+        1e3 * forward_s / all,
+        1e3 * gradient_s / all,
         gradient_s / forward_s
     );
     Ok(())
