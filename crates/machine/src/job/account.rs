@@ -12,8 +12,9 @@ use crate::journal::{
     JournalVerdict, MarkRecord, ObservedRecord, Record,
 };
 
-/// New area of a mark that vision hardly ever overlooks, px: 4 % of a mark of 9 px radius.
-const SHOWING_PX: u32 = 10;
+/// Part of a mark that must be new for its absence to tell of the laser: vision does not overlook
+/// so much, even where the pulse lands a little beside its aim.
+const SHOWING_PART: f64 = 0.25;
 
 /// A command whose outcome is not known yet.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -264,7 +265,8 @@ impl Account {
     fn would_show(&self, aimed: Point) -> bool {
         let footprint = self.state.job().footprint(aimed);
         let outcome = self.state.workpiece().preview(&footprint);
-        outcome.hit_px + outcome.miss_px >= SHOWING_PX
+        let new_px = f64::from(outcome.hit_px + outcome.miss_px);
+        new_px >= SHOWING_PART * f64::from(footprint.area_px())
     }
 
     /// Counts a command at `aimed` of which no mark was seen for certain; gives up what is there
