@@ -7,7 +7,14 @@ from lasergym.envs.ablation import (
     RotatedStarEnv,
     StarEnv,
 )
-from lasergym.envs.registration import ABLATION_IDS, register_environments
+from lasergym.envs.milling import MillingEnv, MillingVectorEnv
+from lasergym.envs.native_vector import NativeVectorEnv
+from lasergym.envs.registration import (
+    ABLATION_IDS,
+    ENVIRONMENT_IDS,
+    MILLING_IDS,
+    register_environments,
+)
 from lasergym.envs.vector import (
     AblationVectorEnv,
     PatternVectorEnv,
@@ -18,8 +25,13 @@ from lasergym.envs.vector import (
 
 __all__ = [
     "ABLATION_IDS",
+    "ENVIRONMENT_IDS",
+    "MILLING_IDS",
     "AblationEnv",
     "AblationVectorEnv",
+    "MillingEnv",
+    "MillingVectorEnv",
+    "NativeVectorEnv",
     "PatternEnv",
     "PatternVectorEnv",
     "RandomShapeEnv",

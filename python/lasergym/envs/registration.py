@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gymnasium as gym
 
-__all__ = ["ABLATION_IDS", "register_environments"]
+__all__ = ["ABLATION_IDS", "ENVIRONMENT_IDS", "MILLING_IDS", "register_environments"]
 
 ABLATION_IDS = (
     "lasergym/Star-v0",
@@ -14,10 +14,16 @@ ABLATION_IDS = (
 )
 """Ids of the pulse-ablation environments, easiest first."""
 
+MILLING_IDS = ("lasergym/Milling-v0",)
+"""Ids of the depth-milling environments."""
+
+ENVIRONMENT_IDS = ABLATION_IDS + MILLING_IDS
+"""Ids of all environments."""
+
 
 def register_environments() -> None:
     """Registers every environment with its native vector version; a second call changes nothing."""
-    for env_id in ABLATION_IDS:
+    for env_id in ENVIRONMENT_IDS:
         if env_id not in gym.registry:
             name = env_id.removeprefix("lasergym/").removesuffix("-v0")
             gym.register(
