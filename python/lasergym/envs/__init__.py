@@ -8,7 +8,15 @@ from lasergym.envs.ablation import (
     StarEnv,
 )
 from lasergym.envs.galvo_line import GalvoLineEnv, GalvoLineVectorEnv
-from lasergym.envs.registration import ABLATION_IDS, GALVO_IDS, register_environments
+from lasergym.envs.milling import MillingEnv, MillingVectorEnv
+from lasergym.envs.native_vector import NativeVectorEnv
+from lasergym.envs.registration import (
+    ABLATION_IDS,
+    ENVIRONMENT_IDS,
+    GALVO_IDS,
+    MILLING_IDS,
+    register_environments,
+)
 from lasergym.envs.vector import (
     AblationVectorEnv,
     PatternVectorEnv,
@@ -19,11 +27,16 @@ from lasergym.envs.vector import (
 
 __all__ = [
     "ABLATION_IDS",
+    "ENVIRONMENT_IDS",
     "GALVO_IDS",
+    "MILLING_IDS",
     "AblationEnv",
     "AblationVectorEnv",
     "GalvoLineEnv",
     "GalvoLineVectorEnv",
+    "MillingEnv",
+    "MillingVectorEnv",
+    "NativeVectorEnv",
     "PatternEnv",
     "PatternVectorEnv",
     "RandomShapeEnv",

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import gymnasium as gym
 
-__all__ = ["ABLATION_IDS", "GALVO_IDS", "register_environments"]
+__all__ = [
+    "ABLATION_IDS",
+    "ENVIRONMENT_IDS",
+    "GALVO_IDS",
+    "MILLING_IDS",
+    "register_environments",
+]
 
 ABLATION_IDS = (
     "lasergym/Star-v0",
@@ -14,13 +20,19 @@ ABLATION_IDS = (
 )
 """Ids of the pulse-ablation environments, easiest first."""
 
+MILLING_IDS = ("lasergym/Milling-v0",)
+"""Ids of the depth-milling environments."""
+
+ENVIRONMENT_IDS = ABLATION_IDS + MILLING_IDS
+"""Ids of the environments in which a workpiece is machined step by step."""
+
 GALVO_IDS = ("lasergym/GalvoLine-v0",)
 """Ids of the scan-head environments."""
 
 
 def register_environments() -> None:
     """Registers every environment with its native vector version; a second call changes nothing."""
-    for env_id in (*ABLATION_IDS, *GALVO_IDS):
+    for env_id in (*ENVIRONMENT_IDS, *GALVO_IDS):
         if env_id not in gym.registry:
             name = env_id.removeprefix("lasergym/").removesuffix("-v0")
             gym.register(
