@@ -248,7 +248,8 @@ class MillingJob:
     def gradient(
         self, passes: dict[str, Any]
     ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]: ...
-    def times_s(self, passes: dict[str, Any]) -> tuple[float, float]: ...
+    @staticmethod
+    def times_s(passes: dict[str, Any]) -> tuple[float, float]: ...
     def programs(
         self,
         passes: dict[str, Any],

@@ -76,6 +76,9 @@ impl GivenPasses<'_> {
     }
 }
 
+/// Objective, µm⁴; its derivatives with respect to dwell and to y, shape (passes, points).
+type GradientParts<'py> = (f64, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
 /// A target, a process and the raster that covers it.
 #[pyclass(name = "MillingJob", module = "lasergym._native", frozen)]
 pub(crate) struct NativeMillingJob {
@@ -200,7 +203,7 @@ impl NativeMillingJob {
         &self,
         py: Python<'py>,
         passes: GivenPasses<'_>,
-    ) -> PyResult<(f64, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    ) -> PyResult<GradientParts<'py>> {
         let path = passes.path();
         let found = py
             .detach(|| {
@@ -214,7 +217,8 @@ impl NativeMillingJob {
     }
 
     /// (machining time, exposure), s.
-    fn times_s(&self, passes: GivenPasses<'_>) -> PyResult<(f64, f64)> {
+    #[staticmethod]
+    fn times_s(passes: GivenPasses<'_>) -> PyResult<(f64, f64)> {
         let path = passes.path();
         path.validate().map_err(milling_error)?;
         Ok((path.machining_time_s(), path.exposure_s()))

@@ -67,7 +67,7 @@ fn depths_of(target: &PyReadonlyArray2<'_, f64>) -> Vec<f64> {
     target.as_array().iter().copied().collect()
 }
 
-fn square<'py>(py: Python<'py>, values: Vec<f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+fn square(py: Python<'_>, values: Vec<f64>) -> PyResult<Bound<'_, PyArray2<f64>>> {
     Ok(Array2::from_shape_vec((SIZE_PX, SIZE_PX), values)
         .map_err(|error| exception("ShapeError", error.to_string()))?
         .into_pyarray(py))
@@ -367,10 +367,10 @@ impl NativeMillingBatch {
 
 /// The random relief of `seed`, float64 of shape (100, 100), µm.
 #[pyfunction]
-pub(crate) fn random_relief<'py>(
-    py: Python<'py>,
+pub(crate) fn random_relief(
+    py: Python<'_>,
     seed: u64,
     depth_um: f64,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<Bound<'_, PyArray2<f64>>> {
     square(py, draw_relief(&mut Stream::from_seed(seed), SIZE_PX, depth_um))
 }
