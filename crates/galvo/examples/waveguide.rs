@@ -80,7 +80,6 @@ fn trial(head: &ScanHead, options: PostOptions, irises: bool) -> Result<Trial, B
         }
     }
     post.finish()?;
-    drop(post);
     let (dose, split, _) = run.finish()?;
     let at = |y: f64| dose.across[(y + HALF_WINDOW_UM) as usize];
     let mean = |from: i32, to: i32| {

@@ -84,7 +84,7 @@ impl HeadKnowledge {
             ),
             Self::Model(axis) => {
                 let run = UnitRun::new(axis, tolerance);
-                (axis.lag_us(), run.position_us)
+                (axis.lag_us(), run.position_um_per_m_s)
             }
         };
         Ok(match (method, self) {
@@ -129,7 +129,7 @@ struct UnitRun {
     /// Time after which the speed stays within the tolerance, µs.
     settled_us: f64,
     /// Position at that time at 1 m/s, µm per m/s.
-    position_us: f64,
+    position_um_per_m_s: f64,
     /// Time after the command stops until the speed leaves the tolerance, µs.
     holding_us: f64,
 }
@@ -141,14 +141,14 @@ impl UnitRun {
         let steps = 2400;
         let step_us = end_us / f64::from(steps);
         let mut tracker = started(axis, 2.0 * end_us);
-        let mut run = Self { settled_us: 0.0, position_us: 0.0, holding_us: 0.0 };
+        let mut run = Self { settled_us: 0.0, position_um_per_m_s: 0.0, holding_us: 0.0 };
         let mut held = true;
         for k in 1..=steps {
             tracker.advance(step_us);
             let mirror = tracker.mirror();
             if (mirror.speed_m_s - 1.0).abs() > tolerance {
                 run.settled_us = f64::from(k) * step_us;
-                run.position_us = mirror.position_um.max(0.0);
+                run.position_um_per_m_s = mirror.position_um.max(0.0);
             }
             // After a stop the speed is 1 minus that after a start, since the axis is linear.
             held = held && mirror.speed_m_s.abs() <= tolerance;
@@ -161,7 +161,7 @@ impl UnitRun {
 
     fn compensation(self, axis: &AxisModel, speed_m_s: f64, half_us: f64) -> Compensation {
         let lag_us = axis.lag_us();
-        let run_in_us = self.position_us;
+        let run_in_us = self.position_um_per_m_s;
         let on_us = passing_us(axis, run_in_us + half_us, self.settled_us);
         // The last pulse is due half a crater before the end, at most `holding_us` after the stop.
         let run_out_us = (lag_us - half_us - self.holding_us).max(0.0);
@@ -178,7 +178,7 @@ impl UnitRun {
 
 /// Acceleration length at 1 m/s within `tolerance`, µm per m/s.
 pub(crate) fn acceleration_us(axis: &AxisModel, tolerance: f64) -> f64 {
-    UnitRun::new(axis, tolerance).position_us
+    UnitRun::new(axis, tolerance).position_um_per_m_s
 }
 
 /// An axis that starts to move at 1 m/s.

@@ -1,5 +1,7 @@
 //! Models of an axis from a recorded trajectory: command and position against time.
 
+use std::fmt::Write;
+
 use crate::GalvoError;
 use crate::axis::{AxisModel, AxisTracker, Follower};
 use crate::least_squares::{Fit, least_squares};
@@ -114,7 +116,8 @@ impl Identification {
     pub fn to_toml(&self) -> String {
         let mut text = format!("[axis]\nkind = \"{}\"\n", self.family.name());
         for (name, value) in self.family.parameters().iter().zip(&self.values) {
-            text += &format!("{name} = {value:?}\n");
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{name} = {value:?}");
         }
         text
     }

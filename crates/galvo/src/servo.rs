@@ -49,7 +49,7 @@ impl ServoPoles {
     /// The lag τ behind a ramp, µs: the sum of 1/(−pole).
     #[must_use]
     pub fn lag_us(&self) -> f64 {
-        2.0 * self.damping / self.natural_rad_us + self.real_rad_us.map_or(0.0, |pole| pole.recip())
+        2.0 * self.damping / self.natural_rad_us + self.real_rad_us.map_or(0.0, f64::recip)
     }
 
     /// Checks every parameter against its range.

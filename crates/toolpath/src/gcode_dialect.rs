@@ -13,7 +13,7 @@ pub enum GcodeDialect {
     /// GRBL 1.1 in laser mode ($32 = 1): M3 once, S on G1; G0 is dark.
     #[default]
     Grbl,
-    /// LinuxCNC: M3 S before lit vectors, M5 behind them, path control by G64.
+    /// `LinuxCNC`: M3 S before lit vectors, M5 behind them, path control by G64.
     LinuxCnc,
     /// Mach4: M3 once, the power as analog output M67 E0 Q from 0 to 255.
     Mach4,

@@ -84,7 +84,7 @@ mod tests {
     proptest! {
         #[test]
         fn chords_stay_near_their_arc(
-            radius in 1.0..1e4_f64, start in 0.0..6.28_f64, sweep in 0.01..6.27_f64,
+            radius in 1.0..1e4_f64, start in 0.0..6.2_f64, sweep in 0.01..6.27_f64,
             counterclockwise: bool, tolerance in 0.01..1.0_f64,
         ) {
             let center = Point::new(7.0, -3.0);
