@@ -242,7 +242,9 @@ mod tests {
             let both: Vec<f64> = one.iter().zip(&two).map(|(a, b)| a + b).collect();
             let position = |speeds: &[f64]| {
                 let mut tracker = AxisTracker::new(&axis, 0.0);
-                ramps(speeds, 0.0).into_iter().for_each(|ramp| tracker.command(ramp));
+                for ramp in ramps(speeds, 0.0) {
+                    tracker.command(ramp);
+                }
                 tracker.advance(t_us);
                 tracker.mirror().position_um
             };
@@ -257,7 +259,9 @@ mod tests {
         let late = AxisModel { dead_time_us: 40.0, ..prompt.clone() };
         let position = |model: &AxisModel, t_us: f64| {
             let mut tracker = AxisTracker::new(model, 0.0);
-            ramps(&[1.0, -2.0], 0.0).into_iter().for_each(|ramp| tracker.command(ramp));
+            for ramp in ramps(&[1.0, -2.0], 0.0) {
+                tracker.command(ramp);
+            }
             tracker.advance(t_us);
             tracker.mirror().position_um
         };

@@ -261,7 +261,9 @@ mod tests {
             ProgramStep::Dwell { duration_us: 50.0 },
         ];
         let mut list = RtcList::begin(Vec::new()).unwrap();
-        steps.iter().for_each(|step| list.step(step).unwrap());
+        for step in &steps {
+            list.step(step).unwrap();
+        }
         let text = String::from_utf8(list.finish().unwrap()).unwrap();
         assert_eq!(read(&text).unwrap(), steps);
     }
