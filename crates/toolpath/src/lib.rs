@@ -18,6 +18,7 @@ mod gcode_words;
 mod gcode_writer;
 mod overlay;
 mod pulse_path;
+mod shortest_order;
 mod stage_dynamics;
 mod workpiece_frame;
 
@@ -31,6 +32,7 @@ pub use gcode_reader::read_gcode;
 pub use gcode_writer::{GcodeOptions, TravelMove, write_gcode};
 pub use overlay::{OverlayOptions, Pulse, Trajectory, trajectory_svg};
 pub use pulse_path::{MAX_POSITION_PX, MAX_PULSE_RADIUS_PX, MAX_PULSES, PulsePath};
+pub use shortest_order::{shortest_order, tour_length};
 pub use stage_dynamics::{StageDynamics, Travel, travel};
 pub use workpiece_frame::{WorkpieceFrame, YAxis};
 
