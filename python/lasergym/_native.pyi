@@ -13,9 +13,11 @@ __all__ = [
     "Environment",
     "MillingJob",
     "Policy",
+    "RemoteJob",
     "Rig",
     "Teacher",
     "TrajectoryPicture",
+    "best_robot_line",
     "calibrate",
     "calibrate_simulator",
     "calibrate_trenches",
@@ -149,6 +151,48 @@ class CmaEs:
     def progress(self) -> tuple[int, int, float]: ...
     def mean(self) -> NDArray[np.float64]: ...
     def termination(self) -> tuple[str, str] | None: ...
+
+_RemoteStop: TypeAlias = tuple[int, str, int, float, float, float, float, float]
+_RemoteLine: TypeAlias = tuple[
+    int,
+    float,
+    float,
+    tuple[float, float],
+    tuple[float, float],
+    list[tuple[float, float]],
+    int,
+    float,
+    float,
+]
+
+@final
+class RemoteJob:
+    def __new__(
+        cls,
+        task: str,
+        folder: str | Path | None,
+        choice: str,
+        directions: int,
+        keep_order: bool,
+    ) -> RemoteJob: ...
+    def figures(self) -> tuple[str, float, float, float, float, float]: ...
+    def planes(self) -> list[tuple[str, list[float], list[float]]]: ...
+    def stops(self) -> list[_RemoteStop]: ...
+    def path(self, stop: int) -> NDArray[np.float64]: ...
+    def lines(self) -> list[_RemoteLine]: ...
+    def simulate(
+        self, sample_s: float
+    ) -> tuple[
+        tuple[float, float, float, float, float, float], list[str], NDArray[np.float64]
+    ]: ...
+    def programs(self) -> tuple[str, str, str, str, str]: ...
+
+def best_robot_line(
+    circles: NDArray[np.float64],
+    direction_deg: float | None,
+    speeds_mm_s: tuple[float, float],
+    jump_s: float,
+) -> tuple[tuple[float, float, float, float, float], list[tuple[float, float]]] | None: ...
 
 _Controls: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]
 

@@ -183,3 +183,11 @@ class MillingError(LasergymError, ValueError):
 
 class DepthMapError(MillingError):
     """A depth map cannot be read or milled."""
+
+
+class RemoteError(LasergymError, ValueError):
+    """A task for robot and scanner cannot be read or planned."""
+
+
+class InfeasibleTaskError(RemoteError):
+    """A subtask cannot be processed; the message says which, why, and what would help."""

@@ -148,6 +148,7 @@ fn shares(
         LineChoice::Joint => {
             let mut known = with_ends(greedy(), &optimised);
             known.extend(with_ends(any_direction(), &optimised));
+            known.extend(with_ends(greedy(), &initial));
             known.sort_by_key(|share| share.stops.end);
             let most = options.longest_line.max(1);
             let mut chosen = joint_choice(circles, planes, router, most, &known);

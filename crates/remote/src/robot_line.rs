@@ -24,7 +24,8 @@ pub struct DirectionSearch {
     pub samples: u32,
     /// Most of them that are tried, evenly spread, at least 2.
     pub most: u32,
-    /// Whether to search between the best sample and its neighbours.
+    /// Whether to try the direction from the first centre to the last, and to search between the best
+    /// sample and its neighbours.
     pub refine: bool,
 }
 
@@ -153,7 +154,6 @@ pub(crate) fn least_time_s(stops: &[ScanCircle], fastest_mm_s: f64, jump_s: f64)
             least_s = least_s.max(between_s + processed_s);
         }
     }
-    let _ = &begins_s;
     total_s + least_s.max(0.0)
 }
 
@@ -175,9 +175,12 @@ pub(crate) fn best_direction(
     // From the first centre to the last: mostly near the best.
     let along = stops[stops.len() - 1].center - stops[0].center;
     let seed_rad = if along.length() > 0.0 { along.y.atan2(along.x) } else { 0.5 * (low + high) };
-    let mut best = (seed_rad, evaluate(seed_rad));
-    if good(best.1) {
-        return Some(best);
+    let mut best = (seed_rad, Merit::WORST);
+    if search.refine {
+        best.1 = evaluate(seed_rad);
+        if good(best.1) {
+            return Some(best);
+        }
     }
     let step_rad = TAU / f64::from(search.samples.max(4));
     let (first, last) = ((low / step_rad).ceil() as i64, (high / step_rad).floor() as i64);

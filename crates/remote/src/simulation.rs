@@ -5,6 +5,8 @@
 //! scanner where its program says so; from then on the scanner runs on its own clock. The beam on the
 //! workpiece is the sum of both, in space.
 
+use std::collections::HashSet;
+
 use crate::plane::distance_mm;
 use crate::robot_simulation::{IdleRun, LineRun, run_robot};
 use crate::seam_gauge::SeamGauge;
@@ -92,6 +94,19 @@ pub fn simulate(
     Ok(judge.report)
 }
 
+/// Kinds of problems.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Fault {
+    RobotSpeed,
+    NotStarted,
+    TooLong,
+    NoSubtask,
+    Beside,
+    BeamSpeed,
+    OutsideField,
+    Exposures,
+}
+
 /// Follows the beam and writes the report.
 struct Judge<'a> {
     task: &'a RemoteTask,
@@ -100,6 +115,7 @@ struct Judge<'a> {
     sample_s: f64,
     next_sample_s: f64,
     field_mm: Point,
+    noted: HashSet<(Fault, usize)>,
 }
 
 impl<'a> Judge<'a> {
@@ -124,12 +140,13 @@ impl<'a> Judge<'a> {
             sample_s,
             next_sample_s: 0.0,
             field_mm: Point::default(),
+            noted: HashSet::new(),
         }
     }
 
-    fn problem(&mut self, words: String) {
-        // The first of many is what matters.
-        if self.report.problems.len() < 20 {
+    /// Notes a problem; of many of a kind with the same subject the first is what matters.
+    fn problem(&mut self, kind: Fault, subject: usize, words: String) {
+        if self.noted.insert((kind, subject)) {
             self.report.problems.push(words);
         }
     }
@@ -176,11 +193,14 @@ impl<'a> Judge<'a> {
         self.report.max_robot_speed_mm_s = self.report.max_robot_speed_mm_s.max(line.speed_mm_s);
         let limit = self.task.robot.max_speed_mm_s;
         if line.speed_mm_s > limit * (1.0 + 1e-6) {
-            self.problem(format!("the robot moves at {:.2} mm/s, {limit} are allowed", line.speed_mm_s));
+            let words =
+                format!("the robot moves at {:.2} mm/s, {limit} are allowed", line.speed_mm_s);
+            self.problem(Fault::RobotSpeed, 0, words);
         }
         let list = scanner.lists.iter().find(|list| list.list == line.list);
         let (Some(list), Some(trigger)) = (list, line.trigger_cycle) else {
-            self.problem(format!("list {} of the scanner is never started", line.list));
+            let words = format!("list {} of the scanner is never started", line.list);
+            self.problem(Fault::NotStarted, line.list as usize, words);
             return;
         };
         let turn = Plane { abc_deg: line.to.abc_deg, ..Plane::default() };
@@ -219,11 +239,9 @@ impl<'a> Judge<'a> {
         let ended_s = started_s + tick as f64 * tick_s;
         let time_s = line.time_s(cycle_s);
         if ended_s > time_s + 1e-9 {
-            self.problem(format!(
-                "list {} runs {:.3} ms longer than its line",
-                line.list,
-                1e3 * (ended_s - time_s)
-            ));
+            let late_ms = 1e3 * (ended_s - time_s);
+            let words = format!("list {} runs {late_ms:.3} ms longer than its line", line.list);
+            self.problem(Fault::TooLong, line.list as usize, words);
         }
         let mut now_s = ended_s;
         while now_s < time_s && self.sample_s > 0.0 {
@@ -243,7 +261,7 @@ impl<'a> Judge<'a> {
         let Some((index, subtask)) =
             subtask.and_then(|index| Some((index, self.task.subtasks.get(index)?)))
         else {
-            self.problem("the laser is on for no subtask".to_owned());
+            self.problem(Fault::NoSubtask, 0, "the laser is on for no subtask".to_owned());
             return;
         };
         let plane = &self.task.planes[subtask.plane];
@@ -253,14 +271,14 @@ impl<'a> Judge<'a> {
         self.report.max_seam_error_mm = self.report.max_seam_error_mm.max(aside_mm);
         if aside_mm > MAX_SEAM_ERROR_MM {
             let words = format!("the beam is {aside_mm:.3} mm beside {}", subtask.name);
-            self.problem(words);
+            self.problem(Fault::Beside, index, words);
         }
         if before.is_some() {
             let error = (way_mm / tick_s / subtask.process.speed_mm_s - 1.0).abs();
             self.report.max_speed_error = self.report.max_speed_error.max(error);
             if error > MAX_SPEED_ERROR.max(self.task.scanner.clock_tolerance) + 1e-4 {
                 let words = format!("the speed on {} is {:.2} % off", subtask.name, 100.0 * error);
-                self.problem(words);
+                self.problem(Fault::BeamSpeed, index, words);
             }
         }
         let from_center_mm = self.field_mm.length();
@@ -271,7 +289,7 @@ impl<'a> Judge<'a> {
                 "the laser is on {from_center_mm:.3} mm from the centre of the field for {}, whose field has {field_mm:.3} mm",
                 subtask.name
             );
-            self.problem(words);
+            self.problem(Fault::OutsideField, index, words);
         }
     }
 
@@ -286,7 +304,7 @@ impl<'a> Judge<'a> {
             // Parts of a seam begin and end between two looks.
             if least < 0.95 * wanted {
                 let words = format!("a part of {} has {least:.2} exposures of {wanted}", subtask.name);
-                self.problem(words);
+                self.problem(Fault::Exposures, index, words);
             }
         }
     }
