@@ -12,6 +12,7 @@ mod beam_motion;
 mod beam_path;
 mod drawing_import;
 mod enclosing_circle;
+mod environment;
 mod error;
 mod grouping;
 mod krl;
@@ -20,6 +21,7 @@ mod machine;
 mod placement;
 mod plan;
 mod plane;
+mod random_layout;
 mod robot_line;
 mod robot_program;
 mod robot_simulation;
@@ -34,6 +36,10 @@ mod task_file;
 pub use beam_motion::BeamMotion;
 pub use beam_path::{BeamPath, MAX_COORDINATE_MM, MAX_PIECES, PathPiece};
 pub use enclosing_circle::Circle;
+pub use environment::{
+    DIRECTIONS, REPEAT_PENALTY_S, ROBOT_FEATURES, SUBTASK_FEATURES, ScanAction, ScanEnvironment,
+    ScanProgress, ScanStep,
+};
 pub use error::RemoteError;
 pub use grouping::LineChoice;
 pub use krl::{KrlModule, KrlOptions, write_krl};
@@ -41,6 +47,7 @@ pub use line_functions::{LineFunctions, SpeedRange};
 pub use machine::{Robot, Scanner};
 pub use plan::{PlanOptions, PlannedLine, RemotePlan};
 pub use plane::Plane;
+pub use random_layout::RandomLayout;
 pub use robot_line::{DirectionSearch, RobotLine, common_speeds};
 pub use robot_program::{Pose, ROBOT_CSV_HEADER, RobotMove, RobotProgram};
 pub use route::RoutedLine;
