@@ -13,6 +13,8 @@ __all__ = [
     "Environment",
     "MillingJob",
     "Policy",
+    "RemoteBatch",
+    "RemoteEnvironment",
     "RemoteJob",
     "Rig",
     "Teacher",
@@ -186,6 +188,59 @@ class RemoteJob:
         tuple[float, float, float, float, float, float], list[str], NDArray[np.float64]
     ]: ...
     def programs(self) -> tuple[str, str, str, str, str]: ...
+
+_RemoteProgress: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+
+@final
+class RemoteEnvironment:
+    def __new__(cls, settings: dict[str, Any]) -> RemoteEnvironment: ...
+    def reset(self, seed: int | None = None) -> None: ...
+    def step(self, subtask: int, direction: int) -> tuple[float, bool]: ...
+    def observation(self) -> NDArray[np.float32]: ...
+    def progress(self) -> tuple[int, int, float]: ...
+    def is_success(self) -> bool: ...
+    def picture(
+        self,
+    ) -> tuple[
+        float,
+        list[tuple[float, float, float]],
+        list[bool],
+        list[tuple[tuple[float, float], tuple[float, float]]],
+    ]: ...
+    def planned(self) -> tuple[float, float, list[tuple[int, int]]]: ...
+    def copy(self) -> RemoteEnvironment: ...
+
+@final
+class RemoteBatch:
+    def __new__(
+        cls,
+        settings: dict[str, Any],
+        num_envs: int,
+        autoreset_mode: str,
+        max_episode_steps: int | None,
+    ) -> RemoteBatch: ...
+    def reset(
+        self,
+        seeds: Sequence[int | None],
+        mask: Sequence[bool] | None,
+        observations: NDArray[np.float32],
+    ) -> None: ...
+    def step(
+        self,
+        actions: NDArray[np.int64],
+        observations: NDArray[np.float32],
+        final_observations: NDArray[np.float32] | None = None,
+    ) -> None: ...
+    def outcome(
+        self,
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]: ...
+    def progress(self) -> _RemoteProgress: ...
+    def final_progress(self) -> _RemoteProgress: ...
+    def finished(
+        self,
+    ) -> tuple[
+        NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]
+    ]: ...
 
 def best_robot_line(
     circles: NDArray[np.float64],

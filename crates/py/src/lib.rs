@@ -19,6 +19,7 @@ mod planners;
 mod policy;
 mod programs;
 mod remote;
+mod remote_environment;
 mod settings;
 mod targets;
 mod teacher;
@@ -54,6 +55,8 @@ mod _native {
     use crate::programs::{read_csv, read_gcode, travel, write_csv, write_gcode};
     #[pymodule_export]
     use crate::remote::{NativeRemoteJob, best_robot_line};
+    #[pymodule_export]
+    use crate::remote_environment::{NativeRemoteBatch, NativeRemoteEnvironment};
     #[pymodule_export]
     use crate::targets::{random_shape, random_shape_areas, score, star};
     #[pymodule_export]

@@ -5,8 +5,11 @@
 //! from 1 on, a new line begins. The reward is minus the time that the choice adds to the cycle, s, so
 //! that the return is minus the cycle time. Lines are searched and timed as in plans.
 
-use crate::route::Router;
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+
 use crate::robot_line::common_speeds;
+use crate::route::Router;
 use crate::{RandomLayout, RemoteError, RemoteTask, RobotLine, RoutedLine, ScanCircle, stops_of};
 
 /// Directions of a new line: multiples of 22.5°.
@@ -56,6 +59,7 @@ pub struct ScanProgress {
 #[derive(Debug, Clone)]
 pub struct ScanEnvironment {
     layout: RandomLayout,
+    stream: Pcg64,
     task: RemoteTask,
     circles: Vec<ScanCircle>,
     done: Vec<bool>,
@@ -68,7 +72,7 @@ pub struct ScanEnvironment {
 }
 
 impl ScanEnvironment {
-    /// An environment before its first reset.
+    /// An environment before its first reset, with the random stream of seed 0.
     ///
     /// # Errors
     /// As [`RandomLayout::validate`].
@@ -76,6 +80,7 @@ impl ScanEnvironment {
         let mut made = Self {
             task: layout.task(0)?,
             layout,
+            stream: Pcg64::seed_from_u64(0),
             circles: Vec::new(),
             done: Vec::new(),
             finished: Vec::new(),
@@ -85,16 +90,25 @@ impl ScanEnvironment {
             steps: 0,
             over: true,
         };
-        made.reset(0)?;
+        made.begin(0)?;
         made.over = true;
         Ok(made)
     }
 
-    /// Begins an episode with the layout of `seed`.
+    /// Begins an episode with the next layout of the random stream, which `seed` starts anew.
     ///
     /// # Errors
     /// As [`stops_of`], which random layouts do not give.
-    pub fn reset(&mut self, seed: u64) -> Result<(), RemoteError> {
+    pub fn reset(&mut self, seed: Option<u64>) -> Result<(), RemoteError> {
+        if let Some(seed) = seed {
+            self.stream = Pcg64::seed_from_u64(seed);
+        }
+        let layout_seed = self.stream.next_u64();
+        self.begin(layout_seed)
+    }
+
+    /// Begins an episode with the layout of `seed`.
+    fn begin(&mut self, seed: u64) -> Result<(), RemoteError> {
         self.task = self.layout.task(seed)?;
         self.circles = stops_of(&self.task)?.iter().map(|stop| stop.scan_circle).collect();
         self.done = vec![false; self.circles.len()];
@@ -117,6 +131,18 @@ impl ScanEnvironment {
     #[must_use]
     pub fn task(&self) -> &RemoteTask {
         &self.task
+    }
+
+    /// The random layouts of the episodes.
+    #[must_use]
+    pub fn layout(&self) -> &RandomLayout {
+        &self.layout
+    }
+
+    /// Numbers of an observation.
+    #[must_use]
+    pub fn observation_len(&self) -> usize {
+        ROBOT_FEATURES + SUBTASK_FEATURES * self.subtasks()
     }
 
     /// Which subtasks are done.
@@ -194,7 +220,7 @@ impl ScanEnvironment {
     /// # Errors
     /// [`RemoteError::WrongLength`].
     pub fn observe(&self, observation: &mut [f32]) -> Result<(), RemoteError> {
-        let expected = ROBOT_FEATURES + SUBTASK_FEATURES * self.subtasks();
+        let expected = self.observation_len();
         if observation.len() != expected {
             let actual = observation.len();
             return Err(RemoteError::WrongLength { name: "observation", actual, expected });
@@ -297,7 +323,7 @@ mod tests {
             directions in proptest::collection::vec(0..=DIRECTIONS, 8),
         ) {
             let mut environment = environment(8);
-            environment.reset(seed).unwrap();
+            environment.reset(Some(seed)).unwrap();
             let mut total = 0.0;
             for (subtask, direction) in directions.into_iter().enumerate() {
                 let step = environment.step(ScanAction { subtask, direction }).unwrap();
@@ -316,7 +342,7 @@ mod tests {
     #[test]
     fn repeating_costs_and_ends_in_the_end() {
         let mut environment = environment(3);
-        environment.reset(1).unwrap();
+        environment.reset(Some(1)).unwrap();
         environment.step(ScanAction { subtask: 0, direction: 1 }).unwrap();
         for k in 0..5 {
             let step = environment.step(ScanAction { subtask: 0, direction: 1 }).unwrap();

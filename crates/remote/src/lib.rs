@@ -13,6 +13,7 @@ mod beam_path;
 mod drawing_import;
 mod enclosing_circle;
 mod environment;
+mod environment_batch;
 mod error;
 mod grouping;
 mod krl;
@@ -40,6 +41,7 @@ pub use environment::{
     DIRECTIONS, REPEAT_PENALTY_S, ROBOT_FEATURES, SUBTASK_FEATURES, ScanAction, ScanEnvironment,
     ScanProgress, ScanStep,
 };
+pub use environment_batch::{ScanAutoreset, ScanBatch, ScanRecord};
 pub use error::RemoteError;
 pub use grouping::LineChoice;
 pub use krl::{KrlModule, KrlOptions, write_krl};

@@ -343,9 +343,11 @@ impl TaskFile {
         for (index, file) in self.subtask.into_iter().enumerate() {
             let default = || format!("{} {}", file.kind.word(), index + 1);
             let name = file.name.clone().unwrap_or_else(default);
-            let path = file.path(&name)?;
-            let plane = names.plane(&name, file.plane.as_deref())?;
+            // Unknown keys first: they are the likeliest reason for what is missing.
+            let path = file.path(&name);
             let values = ProcessValues::read(file.values, &name)?;
+            let path = path?;
+            let plane = names.plane(&name, file.plane.as_deref())?;
             let process = names.process(&name, &values)?;
             subtasks.push(Subtask { name, plane, path, process });
         }

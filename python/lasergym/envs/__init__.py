@@ -7,7 +7,9 @@ from lasergym.envs.ablation import (
     RotatedStarEnv,
     StarEnv,
 )
-from lasergym.envs.registration import ABLATION_IDS, register_environments
+from lasergym.envs.registration import ABLATION_IDS, REMOTE_IDS, register_environments
+from lasergym.envs.remote_scan import RemoteScanEnv
+from lasergym.envs.remote_vector import RemoteScanVectorEnv
 from lasergym.envs.vector import (
     AblationVectorEnv,
     PatternVectorEnv,
@@ -18,12 +20,15 @@ from lasergym.envs.vector import (
 
 __all__ = [
     "ABLATION_IDS",
+    "REMOTE_IDS",
     "AblationEnv",
     "AblationVectorEnv",
     "PatternEnv",
     "PatternVectorEnv",
     "RandomShapeEnv",
     "RandomShapeVectorEnv",
+    "RemoteScanEnv",
+    "RemoteScanVectorEnv",
     "RotatedStarEnv",
     "RotatedStarVectorEnv",
     "StarEnv",

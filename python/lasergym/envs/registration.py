@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gymnasium as gym
 
-__all__ = ["ABLATION_IDS", "register_environments"]
+__all__ = ["ABLATION_IDS", "REMOTE_IDS", "register_environments"]
 
 ABLATION_IDS = (
     "lasergym/Star-v0",
@@ -14,10 +14,13 @@ ABLATION_IDS = (
 )
 """Ids of the pulse-ablation environments, easiest first."""
 
+REMOTE_IDS = ("lasergym/RemoteScan-v0",)
+"""Ids of the environments of robot and scanner."""
+
 
 def register_environments() -> None:
     """Registers every environment with its native vector version; a second call changes nothing."""
-    for env_id in ABLATION_IDS:
+    for env_id in (*ABLATION_IDS, *REMOTE_IDS):
         if env_id not in gym.registry:
             name = env_id.removeprefix("lasergym/").removesuffix("-v0")
             gym.register(

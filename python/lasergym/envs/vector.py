@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from lasergym import _native
+from lasergym.envs.seeding import NativeSeeds, checked_mask
 from lasergym.envs.settings import (
     MAX_COUNT,
     ObservationMode,
@@ -20,7 +21,6 @@ from lasergym.envs.settings import (
     Task,
     action_array,
     batched_box,
-    native_seed,
 )
 from lasergym.errors import OptionError, RenderModeError, ShapeError
 from lasergym.options import integer_in
@@ -139,7 +139,7 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
         self._observations = np.zeros(shape, np.uint8)
         same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
         self._final_observations = np.zeros(shape, np.uint8) if same_step else None
-        self._generators: list[np.random.Generator] = []
+        self._seeds = NativeSeeds(num_envs)
         self._started_s = np.zeros(num_envs)
         self._trajectories: list[Trajectory] = []
 
@@ -172,9 +172,11 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
             raise OptionError(
                 f"unknown reset options {unknown}: there are `reset_mask` and `target`"
             )
-        mask = self._reset_mask(options.get("reset_mask"))
+        mask = checked_mask(options.get("reset_mask"), self.num_envs)
         targets = self._targets(options.get("target"))
-        native_seeds = self._native_seeds(seed, mask)
+        if isinstance(seed, (int, np.integer)):
+            self._np_random, self._np_random_seed = gym.utils.seeding.np_random(int(seed))
+        native_seeds = self._seeds.for_reset(seed, mask)
         mask_list = None if mask is None else mask.tolist()
         self._native.reset(native_seeds, mask_list, self._observations)
         resets = np.ones(self.num_envs, np.bool_) if mask is None else mask
@@ -289,41 +291,6 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
         if len(target) != self.num_envs:
             raise ShapeError(f"{len(target)} targets are given for {self.num_envs} environments")
         return [None if one is None else as_target(one) for one in target]
-
-    def _reset_mask(self, mask: Any) -> NDArray[np.bool_] | None:
-        """The mask that a reset option gives, checked."""
-        if mask is None:
-            return None
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-            raise ShapeError("reset_mask must be a Boolean NumPy array")
-        if mask.shape != (self.num_envs,):
-            raise ShapeError(f"reset_mask has shape {mask.shape}, but must be ({self.num_envs},)")
-        if not mask.any():
-            raise ShapeError("reset_mask has no True value: nothing would be reset")
-        return mask
-
-    def _native_seeds(
-        self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_] | None
-    ) -> list[int | None]:
-        """The seeds of the native streams, derived as a single environment derives them."""
-        if seed is None:
-            seeds: Sequence[int | None] = [None] * self.num_envs
-        elif isinstance(seed, (int, np.integer)):
-            seeds = range(int(seed), int(seed) + self.num_envs)
-            self._np_random, self._np_random_seed = gym.utils.seeding.np_random(int(seed))
-        else:
-            seeds = seed
-        if len(seeds) != self.num_envs:
-            raise ShapeError(f"{len(seeds)} seeds are given for {self.num_envs} environments")
-        if not self._generators:
-            self._generators = [gym.utils.seeding.np_random(one)[0] for one in seeds]
-            return [native_seed(generator) for generator in self._generators]
-        native: list[int | None] = [None] * self.num_envs
-        for index, one in enumerate(seeds):
-            if one is not None and (mask is None or mask[index]):
-                self._generators[index] = gym.utils.seeding.np_random(one)[0]
-                native[index] = native_seed(self._generators[index])
-        return native
 
     def _returned_observations(self) -> NDArray[np.uint8]:
         return self._observations.copy() if self.copy else self._observations
