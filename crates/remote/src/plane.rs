@@ -47,19 +47,38 @@ impl Plane {
     /// The place in space of a point of the plane, mm.
     #[must_use]
     pub fn to_space(&self, point: Point) -> [f64; 3] {
-        let rotation = self.rotation();
+        self.frame().to_space(point)
+    }
+
+    /// Its origin and rotation, for many points.
+    pub(crate) fn frame(&self) -> PlaneFrame {
+        PlaneFrame { origin_mm: self.origin_mm, rotation: self.rotation() }
+    }
+}
+
+/// A plane with its rotation worked out.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PlaneFrame {
+    origin_mm: [f64; 3],
+    rotation: [[f64; 3]; 3],
+}
+
+impl PlaneFrame {
+    /// The place in space of a point of the plane, mm.
+    pub(crate) fn to_space(self, point: Point) -> [f64; 3] {
         [0, 1, 2].map(|axis| {
-            let row = rotation[axis];
+            let row = self.rotation[axis];
             self.origin_mm[axis] + row[0] * point.x + row[1] * point.y
         })
     }
 
     /// A place in space as a point of the plane and its height above it, mm.
-    #[must_use]
-    pub fn to_plane(&self, place_mm: [f64; 3]) -> (Point, f64) {
-        let rotation = self.rotation();
+    pub(crate) fn to_plane(self, place_mm: [f64; 3]) -> (Point, f64) {
         let away = [0, 1, 2].map(|axis| place_mm[axis] - self.origin_mm[axis]);
-        let along = |column: usize| (0..3).map(|axis| rotation[axis][column] * away[axis]).sum();
+        let along = |column: usize| {
+            let product = |axis: usize| self.rotation[axis][column] * away[axis];
+            product(0) + product(1) + product(2)
+        };
         (Point::new(along(0), along(1)), along(2))
     }
 }
@@ -84,7 +103,7 @@ mod tests {
             let (a, b) = (Point::new(ends[0], ends[1]), Point::new(ends[2], ends[3]));
             let apart = distance_mm(plane.to_space(a), plane.to_space(b));
             prop_assert!((apart - a.distance(b)).abs() < 1e-9);
-            let (back, height_mm) = plane.to_plane(plane.to_space(a));
+            let (back, height_mm) = plane.frame().to_plane(plane.to_space(a));
             prop_assert!(back.distance(a) < 1e-9 && height_mm.abs() < 1e-9);
         }
     }

@@ -7,7 +7,7 @@
 
 use std::collections::HashSet;
 
-use crate::plane::distance_mm;
+use crate::plane::{PlaneFrame, distance_mm};
 use crate::robot_simulation::{IdleRun, LineRun, run_robot};
 use crate::seam_gauge::SeamGauge;
 use crate::{Plane, RemoteError, RemoteTask, RobotProgram, ScannerProgram};
@@ -111,6 +111,9 @@ enum Fault {
 struct Judge<'a> {
     task: &'a RemoteTask,
     gauges: Vec<SeamGauge>,
+    planes: Vec<PlaneFrame>,
+    /// Cosine and sine of the angle of the field.
+    field_turn: (f64, f64),
     report: SimulationReport,
     sample_s: f64,
     next_sample_s: f64,
@@ -121,12 +124,15 @@ struct Judge<'a> {
 impl<'a> Judge<'a> {
     fn new(task: &'a RemoteTask, sample_s: f64) -> Self {
         let cycle_s = task.scanner.cycle_s();
+        let field_rad = task.scanner.field_angle_deg.to_radians();
         let gauge = |subtask: &crate::Subtask| {
             SeamGauge::new(&subtask.path, subtask.process.speed_mm_s * cycle_s)
         };
         Self {
             task,
             gauges: task.subtasks.iter().map(gauge).collect(),
+            planes: task.planes.iter().map(Plane::frame).collect(),
+            field_turn: (field_rad.cos(), field_rad.sin()),
             report: SimulationReport {
                 total_s: 0.0,
                 laser_s: 0.0,
@@ -152,7 +158,7 @@ impl<'a> Judge<'a> {
     }
 
     /// Records the state at `time_s`, if it is time to.
-    fn sample(&mut self, time_s: f64, robot_mm: [f64; 3], turn: &Plane, laser: bool) {
+    fn sample(&mut self, time_s: f64, robot_mm: [f64; 3], turn: PlaneFrame, laser: bool) {
         if self.sample_s > 0.0 && time_s >= self.next_sample_s {
             let beam_mm = self.on_workpiece(robot_mm, turn, self.field_mm);
             let field_mm = self.field_mm;
@@ -172,14 +178,14 @@ impl<'a> Judge<'a> {
                 let (from, to) = (wait.from.place_mm[axis], wait.to.place_mm[axis]);
                 from + eased * (to - from)
             });
-            let turn = Plane { abc_deg: wait.to.abc_deg, ..Plane::default() };
-            self.sample(wait.begin_s + part * wait.time_s, place, &turn, false);
+            let turn = Plane { abc_deg: wait.to.abc_deg, ..Plane::default() }.frame();
+            self.sample(wait.begin_s + part * wait.time_s, place, turn, false);
         }
     }
 
     /// A place of the field on the workpiece, in the frame of the robot.
-    fn on_workpiece(&self, robot_mm: [f64; 3], turn: &Plane, field_mm: Point) -> [f64; 3] {
-        let (sin, cos) = self.task.scanner.field_angle_deg.to_radians().sin_cos();
+    fn on_workpiece(&self, robot_mm: [f64; 3], turn: PlaneFrame, field_mm: Point) -> [f64; 3] {
+        let (cos, sin) = self.field_turn;
         let flat = Point::new(
             cos * field_mm.x - sin * field_mm.y,
             sin * field_mm.x + cos * field_mm.y,
@@ -203,13 +209,13 @@ impl<'a> Judge<'a> {
             self.problem(Fault::NotStarted, line.list as usize, words);
             return;
         };
-        let turn = Plane { abc_deg: line.to.abc_deg, ..Plane::default() };
+        let turn = Plane { abc_deg: line.to.abc_deg, ..Plane::default() }.frame();
         // Until the trigger the beam waits where the list begins.
         self.field_mm = list.vectors.first().map_or(self.field_mm, |first| first.to_mm);
         let started_s = trigger as f64 * cycle_s;
         for cycle in 0..trigger {
             let time_s = cycle as f64 * cycle_s;
-            self.sample(line.begin_s + time_s, line.place_mm(time_s, cycle_s), &turn, false);
+            self.sample(line.begin_s + time_s, line.place_mm(time_s, cycle_s), turn, false);
         }
         let tick_s = self.task.scanner.cycle_s();
         let mut tick = 0_u64;
@@ -222,12 +228,12 @@ impl<'a> Judge<'a> {
                 let robot_mm = line.place_mm(time_s, cycle_s);
                 self.field_mm = from + step * k as f64;
                 if vector.laser {
-                    let beam_mm = self.on_workpiece(robot_mm, &turn, self.field_mm);
+                    let beam_mm = self.on_workpiece(robot_mm, turn, self.field_mm);
                     self.follow(vector.subtask, beam_mm, before, tick_s);
                     before = Some(beam_mm);
                 }
                 if k > 0 {
-                    self.sample(line.begin_s + time_s, robot_mm, &turn, vector.laser);
+                    self.sample(line.begin_s + time_s, robot_mm, turn, vector.laser);
                 }
             }
             self.field_mm = vector.to_mm;
@@ -245,7 +251,7 @@ impl<'a> Judge<'a> {
         }
         let mut now_s = ended_s;
         while now_s < time_s && self.sample_s > 0.0 {
-            self.sample(line.begin_s + now_s, line.place_mm(now_s, cycle_s), &turn, false);
+            self.sample(line.begin_s + now_s, line.place_mm(now_s, cycle_s), turn, false);
             now_s += cycle_s;
         }
     }
@@ -264,8 +270,7 @@ impl<'a> Judge<'a> {
             self.problem(Fault::NoSubtask, 0, "the laser is on for no subtask".to_owned());
             return;
         };
-        let plane = &self.task.planes[subtask.plane];
-        let (point, height_mm) = plane.to_plane(beam_mm);
+        let (point, height_mm) = self.planes[subtask.plane].to_plane(beam_mm);
         let way_mm = before.map_or(0.0, |before| distance_mm(before, beam_mm));
         let aside_mm = self.gauges[index].look(point, way_mm).hypot(height_mm);
         self.report.max_seam_error_mm = self.report.max_seam_error_mm.max(aside_mm);

@@ -19,8 +19,8 @@ from lasergym.remote import Choice, RemotePlan, Simulation
 
 __all__ = ["remote"]
 
-_SAMPLES = 1500
-"""States of the animation, at most about."""
+_SAMPLES = 40_000
+"""States that the picture is drawn from, about."""
 
 
 def remote(
@@ -49,7 +49,7 @@ def remote(
     plan = planning.plan_file(
         task, choice=cast("Choice", choice), directions=directions, keep_order=keep_order
     )
-    sample_s = max(plan.cycle_time_s / _SAMPLES, 1e-3)
+    sample_s = plan.cycle_time_s / _SAMPLES
     simulation = plan.simulate(sample_s if output is not None else 0.0)
     report = {
         "task": str(task),

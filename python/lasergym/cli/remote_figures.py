@@ -15,7 +15,7 @@ _SCAN = "#8fa9c4"
 _SEAM = "#222222"
 _IDLE = "#9a9a9a"
 _LASER = "#d62728"
-_MOST_LISTS = 4
+_MOST_LISTS = 3
 
 
 def draw_figures(folder: Path, plan: RemotePlan, simulation: Simulation) -> tuple[str, ...]:
@@ -113,7 +113,7 @@ def _draw_field(
     axes.add_patch(Circle((0, 0), plan.field_radius_mm, fill=False, edgecolor=_SCAN))
     shown = np.where(on[:, None], simulation.field_mm, np.nan)[during]
     axes.plot(*simulation.field_mm[during].T, color=_IDLE, lw=0.4, alpha=0.6)
-    axes.plot(*shown.T, color=_LASER, lw=0.7)
+    axes.plot(*shown.T, color=_LASER, lw=0.4)
     limit = 1.08 * plan.field_radius_mm
     axes.set(title=f"scanner on line {index + 1}", aspect="equal")
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit), xlabel="x in the field, mm")

@@ -16,9 +16,13 @@ __all__ = ["remote_page"]
 
 _TEMPLATE = "remote_template.html"
 
+_STATES = 4000
+"""States of the animation, at most."""
+
 
 def remote_page(plan: RemotePlan, simulation: Simulation) -> str:
     """The page: robot, working field and beam over time, seen from above, and the field itself."""
+    some = slice(None, None, max(1, -(-len(simulation.time_s) // _STATES)))
     data = {
         "field_radius_mm": plan.field_radius_mm,
         "total_s": simulation.total_s,
@@ -35,11 +39,11 @@ def remote_page(plan: RemotePlan, simulation: Simulation) -> str:
             for line in plan.lines
         ],
         "samples": {
-            "time_s": _rounded(simulation.time_s, 4),
-            "robot": _rounded(simulation.robot_mm[:, :2], 2),
-            "beam": _rounded(simulation.beam_mm[:, :2], 2),
-            "field": _rounded(simulation.field_mm, 2),
-            "laser": simulation.laser.astype(int).tolist(),
+            "time_s": _rounded(simulation.time_s[some], 4),
+            "robot": _rounded(simulation.robot_mm[some, :2], 2),
+            "beam": _rounded(simulation.beam_mm[some, :2], 2),
+            "field": _rounded(simulation.field_mm[some], 2),
+            "laser": simulation.laser[some].astype(int).tolist(),
         },
         "facts": [
             ["Cycle time", f"{plan.cycle_time_s:.3f} s"],
