@@ -22,9 +22,7 @@ MOST_ROUNDS = 200
 LEAVES_MM = 1e-9
 
 
-def line_length(
-    circles: NDArray[np.float64], direction_deg: float, jump_s: float
-) -> float | None:
+def line_length(circles: NDArray[np.float64], direction_deg: float, jump_s: float) -> float | None:
     """The least length of a line in a direction at full speed, mm; None where there is none.
 
     Args:
@@ -46,15 +44,13 @@ def line_length(
     rows, limits = [order], [-(length[:-1] + SPEED_MM_S * jump_s)]
 
     def tangents(index: int, end: int, turn: NDArray[np.float64]) -> None:
-        """Half planes of circle `index` at the angles `turn`, for the start or end of its process."""
+        """Half planes of circle `index` at the angles `turn`, for its process's start or end."""
         made = np.zeros((len(turn), count + 1))
         made[:, 0], made[:, 1 + index] = np.cos(turn), np.sin(turn)
         rows.append(made)
         shift = length[index] if end else 0.0
         limits.append(
-            radius[index]
-            + np.cos(turn) * across[index]
-            + np.sin(turn) * (along[index] - shift)
+            radius[index] + np.cos(turn) * across[index] + np.sin(turn) * (along[index] - shift)
         )
 
     for index in range(count):

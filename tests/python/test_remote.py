@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
-from headless_browser import HeadlessBrowser, browser_path
 
 import lasergym
+from headless_browser import HeadlessBrowser, browser_path
 from lasergym import remote
 from lasergym.cli import main
 from lasergym.errors import (
@@ -209,9 +209,7 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "200.0 mm/s" in out
 
 
-def test_the_command_refuses_bad_input(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_refuses_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     task = tmp_path / "task.toml"
     task.write_text(SMALL.replace("center_mm", "centre_mm"), encoding="utf-8")
     for arguments, words in (
@@ -311,9 +309,7 @@ def test_bad_actions_are_refused() -> None:
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 def test_vector_environments_equal_single_ones(mode: AutoresetMode) -> None:
     count, settings = 3, {"subtasks": 3}
-    envs = gym.make_vec(
-        "lasergym/RemoteScan-v0", num_envs=count, autoreset_mode=mode, **settings
-    )
+    envs = gym.make_vec("lasergym/RemoteScan-v0", num_envs=count, autoreset_mode=mode, **settings)
     assert isinstance(envs.unwrapped, lasergym.envs.RemoteScanVectorEnv)
     singles = [lasergym.envs.RemoteScanEnv(subtasks=3) for _ in range(count)]
     observations, _ = envs.reset(seed=5)

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::{
-    DrawingError, DrawingFormat, dxf_drawing::dxf_chains, drawing::read_drawing,
+    DrawingError, DrawingFormat, drawing::read_drawing, dxf_drawing::dxf_chains,
     svg_curves::svg_curves,
 };
 
@@ -37,7 +37,8 @@ impl DrawingCurves {
             DrawingFormat::Png | DrawingFormat::Jpeg => {
                 return Err(DrawingError::Malformed {
                     format,
-                    reason: "it is a picture, which has no curves to follow: give SVG or DXF".into(),
+                    reason: "it is a picture, which has no curves to follow: give SVG or DXF"
+                        .into(),
                 });
             }
         };
@@ -73,14 +74,19 @@ mod tests {
         let line = |x: f64, y: f64, u: f64, v: f64| {
             format!("0\nLINE\n8\n0\n10\n{x}\n20\n{y}\n11\n{u}\n21\n{v}\n")
         };
-        let entities = line(0.0, 0.0, 10.0, 0.0) + &line(10.0, 5.0, 10.0, 0.0) + &line(40.0, 0.0, 50.0, 0.0);
+        let entities =
+            line(0.0, 0.0, 10.0, 0.0) + &line(10.0, 5.0, 10.0, 0.0) + &line(40.0, 0.0, 50.0, 0.0);
         let dxf = format!("0\nSECTION\n2\nENTITIES\n{entities}0\nENDSEC\n0\nEOF\n");
-        let mut curves = DrawingCurves::from_bytes(dxf.as_bytes(), DrawingFormat::Dxf).unwrap().curves;
+        let mut curves =
+            DrawingCurves::from_bytes(dxf.as_bytes(), DrawingFormat::Dxf).unwrap().curves;
         curves.sort_by_key(Vec::len);
         assert_eq!(curves.len(), 2);
         assert_eq!(curves[0].len(), 2);
         let ends = [curves[1][0], curves[1][curves[1].len() - 1]];
-        assert!(ends == [[0.0, 0.0], [10.0, 5.0]] || ends == [[10.0, 5.0], [0.0, 0.0]], "{curves:?}");
+        assert!(
+            ends == [[0.0, 0.0], [10.0, 5.0]] || ends == [[10.0, 5.0], [0.0, 0.0]],
+            "{curves:?}"
+        );
     }
 
     #[test]

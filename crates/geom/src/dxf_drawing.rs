@@ -117,12 +117,7 @@ fn closed_contours(curves: Vec<Curve>, side: f64) -> Result<Vec<Curve>, DrawingE
 }
 
 /// The points of the curves that follow each other from the end `start` on.
-fn chain(
-    open: &[Curve],
-    partners: &[Option<usize>],
-    start: usize,
-    used: &mut [bool],
-) -> Curve {
+fn chain(open: &[Curve], partners: &[Option<usize>], start: usize, used: &mut [bool]) -> Curve {
     let mut points = Curve::new();
     let mut next = Some(start);
     // From end to end, round a contour back to the curve it began with.

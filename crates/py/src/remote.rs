@@ -19,8 +19,7 @@ type StopParts = (usize, String, usize, f64, f64, f64, f64, f64);
 
 /// (plane, direction °, speed, start (x, y), end (x, y), sections as (start, end) along the line from
 /// its start, first stop, time s with lead-in, lead-out and restart, time of the way before, s).
-type LineParts =
-    (usize, f64, f64, (f64, f64), (f64, f64), Vec<(f64, f64)>, usize, f64, f64);
+type LineParts = (usize, f64, f64, (f64, f64), (f64, f64), Vec<(f64, f64)>, usize, f64, f64);
 
 /// Points of a subtask's path that a picture is drawn from.
 const MOST_POINTS: usize = 2000;
@@ -214,7 +213,10 @@ pub(crate) fn best_robot_line(
     jump_s: f64,
 ) -> PyResult<Option<((f64, f64, f64, f64, f64), Vec<(f64, f64)>)>> {
     if circles.shape()[1] != 4 || circles.shape()[0] == 0 {
-        return Err(exception("ShapeError", "circles must have shape (n, 4) with n above 0".into()));
+        return Err(exception(
+            "ShapeError",
+            "circles must have shape (n, 4) with n above 0".into(),
+        ));
     }
     if !circles.as_array().iter().all(|value| value.is_finite()) {
         return Err(option_error("circles", "not finite", "finite"));
@@ -238,8 +240,7 @@ pub(crate) fn best_robot_line(
     });
     Ok(line.map(|line| {
         let direction_deg = line.direction_rad.to_degrees();
-        let figures =
-            (direction_deg, line.offset_mm, line.speed_mm_s, line.start_mm, line.end_mm);
+        let figures = (direction_deg, line.offset_mm, line.speed_mm_s, line.start_mm, line.end_mm);
         (figures, line.sections_mm)
     }))
 }

@@ -98,9 +98,9 @@ impl NativeRemoteEnvironment {
             let circle = lasergym_remote::Circle::enclosing(&subtask.path);
             (circle.center.x, circle.center.y, circle.radius_mm)
         });
-        let lines = environment.lines().map(|line| {
-            ((line.from_mm[0], line.from_mm[1]), (line.to_mm[0], line.to_mm[1]))
-        });
+        let lines = environment
+            .lines()
+            .map(|line| ((line.from_mm[0], line.from_mm[1]), (line.to_mm[0], line.to_mm[1])));
         (
             environment.layout().side_mm(),
             subtasks.collect(),
@@ -115,15 +115,16 @@ impl NativeRemoteEnvironment {
         use lasergym_remote::{LineChoice, PlanOptions, RemotePlan};
         let task = self.environment.task();
         py.detach(|| {
-            let plan = |choice| {
-                RemotePlan::new(task, &PlanOptions { choice, ..PlanOptions::default() })
-            };
+            let plan =
+                |choice| RemotePlan::new(task, &PlanOptions { choice, ..PlanOptions::default() });
             let (joint, greedy) = (plan(LineChoice::Joint)?, plan(LineChoice::Greedy)?);
             let turn = 360.0 / DIRECTIONS as f64;
             let actions = joint.lines.iter().flat_map(|line| {
                 let degrees = line.routed.line.direction_rad.to_degrees();
                 let nearest = (degrees / turn).round().rem_euclid(DIRECTIONS as f64) as usize + 1;
-                line.stops().enumerate().map(move |(k, stop)| (stop, if k == 0 { nearest } else { 0 }))
+                line.stops()
+                    .enumerate()
+                    .map(move |(k, stop)| (stop, if k == 0 { nearest } else { 0 }))
             });
             let actions = actions.map(|(stop, direction)| (joint.stops[stop].subtask, direction));
             Ok((joint.cycle_time_s, greedy.cycle_time_s, actions.collect()))
@@ -164,10 +165,9 @@ impl NativeRemoteBatch {
         if num_envs == 0 {
             return Err(option_error("num_envs", num_envs, "at least 1"));
         }
-        let limit =
-            max_episode_steps.map(|steps| count("max_episode_steps", steps)).transpose()?;
-        let batch = ScanBatch::new(settings.layout()?, num_envs, autoreset, limit)
-            .map_err(remote_error)?;
+        let limit = max_episode_steps.map(|steps| count("max_episode_steps", steps)).transpose()?;
+        let batch =
+            ScanBatch::new(settings.layout()?, num_envs, autoreset, limit).map_err(remote_error)?;
         Ok(Self { batch })
     }
 

@@ -64,7 +64,10 @@ impl BeamMotion {
         let exposures = subtask.process.exposures;
         let smooth = closed
             && corners_mm.len() == 2
-            && pieces.last().zip(pieces.first()).is_some_and(|(last, first)| !is_corner(last, first));
+            && pieces
+                .last()
+                .zip(pieces.first())
+                .is_some_and(|(last, first)| !is_corner(last, first));
         let mut stretches = Vec::new();
         let mut begin_cycle = 0;
         // A smooth loop goes round and round in one stretch.
@@ -197,11 +200,7 @@ fn is_corner(before: &PathPiece, after: &PathPiece) -> bool {
 }
 
 /// Cycles of a stretch, at least 1.
-fn whole_cycles(
-    subtask: &Subtask,
-    scanner: &Scanner,
-    length_mm: f64,
-) -> Result<u64, RemoteError> {
+fn whole_cycles(subtask: &Subtask, scanner: &Scanner, length_mm: f64) -> Result<u64, RemoteError> {
     let speed_mm_s = subtask.process.speed_mm_s;
     let cycles = length_mm / speed_mm_s / scanner.cycle_s();
     let whole = cycles.round().max(1.0);
@@ -274,7 +273,8 @@ mod tests {
     #[test]
     fn a_stretch_too_short_for_the_clock_is_refused() {
         let path = BeamPath::line(point(0.0, 0.0), point(0.5, 0.0)).unwrap();
-        let error = BeamMotion::new(&subtask(path.clone(), 6000.0, 1), &Scanner::default()).unwrap_err();
+        let error =
+            BeamMotion::new(&subtask(path.clone(), 6000.0, 1), &Scanner::default()).unwrap_err();
         let RemoteError::OffClock { better_mm_s, .. } = error else { panic!("{error}") };
         BeamMotion::new(&subtask(path, better_mm_s, 1), &Scanner::default()).unwrap();
     }

@@ -90,7 +90,8 @@ impl PathPiece {
             Self::Arc { center, radius_mm, start_rad, sweep_rad } => {
                 let away = center - place;
                 let angle = away.y.atan2(away.x);
-                let from_start = if sweep_rad >= 0.0 { angle - start_rad } else { start_rad - angle };
+                let from_start =
+                    if sweep_rad >= 0.0 { angle - start_rad } else { start_rad - angle };
                 let covered = from_start.rem_euclid(TAU) <= sweep_rad.abs();
                 let far = away.length() + radius_mm;
                 if covered || away.length() == 0.0 { far.max(ends) } else { ends }

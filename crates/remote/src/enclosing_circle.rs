@@ -68,7 +68,8 @@ impl Circle {
                 circle = Self::across(p, q);
                 for &r in &shuffled[..j] {
                     if !circle.contains(r) {
-                        circle = Self::through(p, q, r).unwrap_or_else(|| Self::spanning([p, q, r]));
+                        circle =
+                            Self::through(p, q, r).unwrap_or_else(|| Self::spanning([p, q, r]));
                     }
                 }
             }
@@ -109,7 +110,8 @@ impl Circle {
 fn shuffle(points: &mut [Point]) {
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     for last in (1..points.len()).rev() {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         points.swap(last, ((state >> 33) as usize) % (last + 1));
     }
 }
@@ -166,7 +168,8 @@ mod tests {
     fn coinciding_and_collinear_points_are_no_special_case() {
         let same = vec![Point::new(2.0, 3.0); 5];
         assert_eq!(Circle::of_points(&same), Circle { center: same[0], radius_mm: 0.0 });
-        let line: Vec<Point> = (0..9).map(|k| Point::new(f64::from(k), 2.0 * f64::from(k))).collect();
+        let line: Vec<Point> =
+            (0..9).map(|k| Point::new(f64::from(k), 2.0 * f64::from(k))).collect();
         let circle = Circle::of_points(&line);
         assert!((circle.radius_mm - 0.5 * line[0].distance(line[8])).abs() < 1e-9);
     }

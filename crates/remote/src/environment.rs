@@ -228,11 +228,10 @@ impl ScanEnvironment {
         let side_mm = self.layout.side_mm();
         let (robot, subtasks) = observation.split_at_mut(ROBOT_FEATURES);
         let part = |value: f64| value.clamp(-1.0, 2.0) as f32;
-        let [x, y] = self.current_line.as_ref().map_or([0.0; 2], |line| [line.to_mm[0], line.to_mm[1]]);
-        let (sin, cos) = self
-            .current_line
-            .as_ref()
-            .map_or((0.0, 0.0), |line| line.line.direction_rad.sin_cos());
+        let [x, y] =
+            self.current_line.as_ref().map_or([0.0; 2], |line| [line.to_mm[0], line.to_mm[1]]);
+        let (sin, cos) =
+            self.current_line.as_ref().map_or((0.0, 0.0), |line| line.line.direction_rad.sin_cos());
         robot.copy_from_slice(&[
             part(x / side_mm),
             part(y / side_mm),

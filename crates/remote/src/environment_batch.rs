@@ -167,8 +167,11 @@ impl ScanBatch {
             terminated: step.terminated,
             truncated,
             progress,
-            finished: (step.terminated || truncated)
-                .then_some((progress, *episode_return, *length)),
+            finished: (step.terminated || truncated).then_some((
+                progress,
+                *episode_return,
+                *length,
+            )),
         };
         Ok(())
     }

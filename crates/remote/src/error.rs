@@ -128,7 +128,9 @@ pub enum RemoteError {
         reason: String,
     },
     /// An action of the environment that names no subtask or no direction.
-    #[error("action {action:?}: give a subtask below {subtasks} and a direction up to {directions}")]
+    #[error(
+        "action {action:?}: give a subtask below {subtasks} and a direction up to {directions}"
+    )]
     Action {
         /// The action.
         action: [i64; 2],

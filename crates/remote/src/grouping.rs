@@ -106,8 +106,7 @@ pub(crate) fn initial_line(
     let functions = LineFunctions::new(stops, direction_rad, jump_s);
     // Bisect for the highest speed at which a start at the first centre reaches every scan circle.
     let sections_from = |speed_mm_s: f64| {
-        let sections =
-            functions.sections_from_mm(offset_mm, speed_mm_s, start_mm, TOLERANCE_MM)?;
+        let sections = functions.sections_from_mm(offset_mm, speed_mm_s, start_mm, TOLERANCE_MM)?;
         Some((speed_mm_s, sections))
     };
     let mut best = sections_from(speeds.fastest_mm_s);
@@ -190,11 +189,12 @@ pub(crate) fn joint_choice(
                 router.single_lines(stops, first, speeds)
             } else {
                 let search = DirectionSearch::QUICK;
-                let best =
-                    best_direction(share, speeds, router.jump_s(), search, &mut functions);
+                let best = best_direction(share, speeds, router.jump_s(), search, &mut functions);
                 // Where there is no line for these, there is none for more of them.
                 let Some((direction_rad, _)) = best else { break };
-                RobotLine::along(share, direction_rad, speeds, router.jump_s()).into_iter().collect()
+                RobotLine::along(share, direction_rad, speeds, router.jump_s())
+                    .into_iter()
+                    .collect()
             };
             for line in lines {
                 let routed = router.route(line, planes[first]);
@@ -217,12 +217,7 @@ pub(crate) fn joint_choice(
 }
 
 /// A line after the best of the lines that end where it begins.
-fn node(
-    nodes: &[Vec<Node>],
-    router: &Router<'_>,
-    first: usize,
-    line: RoutedLine,
-) -> Option<Node> {
+fn node(nodes: &[Vec<Node>], router: &Router<'_>, first: usize, line: RoutedLine) -> Option<Node> {
     if first == 0 {
         let total_s = line.time_s;
         return Some(Node { line, first, before: None, total_s });

@@ -59,7 +59,12 @@ pub fn write_krl(task_name: &str, program: &RobotProgram, options: &KrlOptions) 
         let _ = writeln!(
             dat,
             "DECL FRAME P{places}={{X {:.4},Y {:.4},Z {:.4},A {:.4},B {:.4},C {:.4}}}",
-            near(x), near(y), near(z), near(a), near(b), near(c)
+            near(x),
+            near(y),
+            near(z),
+            near(a),
+            near(b),
+            near(c)
         );
         places
     };

@@ -54,9 +54,7 @@ pub use robot_line::{DirectionSearch, RobotLine, common_speeds};
 pub use robot_program::{Pose, ROBOT_CSV_HEADER, RobotMove, RobotProgram};
 pub use route::RoutedLine;
 pub use scan_circle::{ScanCircle, Stop, stops_of};
-pub use scanner_program::{
-    CHORD_MM, SCANNER_CSV_HEADER, ScanVector, ScannerList, ScannerProgram,
-};
+pub use scanner_program::{CHORD_MM, SCANNER_CSV_HEADER, ScanVector, ScannerList, ScannerProgram};
 pub use simulation::{
     MAX_SEAM_ERROR_MM, MAX_SPEED_ERROR, MotionSample, SimulationReport, simulate,
 };

@@ -162,7 +162,8 @@ impl LineFunctions {
     pub fn feasible_speed_mm_s(&self, offset_mm: f64) -> f64 {
         let mut speed_mm_s = f64::INFINITY;
         for (i, first) in self.circles.iter().enumerate() {
-            let Some(lower_mm) = first.half_chord_mm(offset_mm).map(|half| first.y_mm - half) else {
+            let Some(lower_mm) = first.half_chord_mm(offset_mm).map(|half| first.y_mm - half)
+            else {
                 return f64::NEG_INFINITY;
             };
             for last in &self.circles[i..] {
@@ -355,10 +356,8 @@ mod tests {
 
     /// Arch after arch as the paper computes them, with the maximum where it belongs.
     fn arches(stops: &[ScanCircle], x: f64, speed: f64, jump_s: f64) -> Option<(f64, f64)> {
-        let halves: Vec<f64> = stops
-            .iter()
-            .map(|s| (s.radius_mm.powi(2) - (x - s.center.x).powi(2)).sqrt())
-            .collect();
+        let halves: Vec<f64> =
+            stops.iter().map(|s| (s.radius_mm.powi(2) - (x - s.center.x).powi(2)).sqrt()).collect();
         let jump = speed * jump_s;
         let mut arch = f64::NEG_INFINITY;
         for (stop, half) in stops.iter().zip(&halves) {

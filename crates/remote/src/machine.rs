@@ -46,7 +46,12 @@ impl Scanner {
         let length = "above 0 and at most 10000 mm";
         let field = self.field_radius_mm;
         check_option("scanner.field_radius_mm", field, up_to(field, 1e4), length)?;
-        check_option("scanner.distance_mm", self.distance_mm, up_to(self.distance_mm, 1e4), length)?;
+        check_option(
+            "scanner.distance_mm",
+            self.distance_mm,
+            up_to(self.distance_mm, 1e4),
+            length,
+        )?;
         let angle = self.field_angle_deg;
         check_option("scanner.field_angle_deg", angle, angle.abs() <= 360.0, "within ±360°")?;
         let cycle = self.cycle_us;

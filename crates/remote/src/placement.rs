@@ -60,8 +60,7 @@ pub(crate) fn place_between(
                     let direction_rad = line.direction_rad + turn;
                     // Turned about the middle of the line.
                     let middle = line.place(0.5 * (line.start_mm + line.end_mm));
-                    let offset_mm =
-                        crate::LineFunctions::offset_of(direction_rad, middle) + shift;
+                    let offset_mm = crate::LineFunctions::offset_of(direction_rad, middle) + shift;
                     let turned = RobotLine::at(stops, direction_rad, offset_mm, speeds, jump_s);
                     keep(turned, share);
                 }

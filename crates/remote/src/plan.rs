@@ -91,8 +91,7 @@ impl RemotePlan {
         let shares = shares(&circles, &planes, &router, options);
         let tour_mm = tour_mm(&circles, &planes);
         let lines = planned(task, &stops, &router, shares);
-        let cycle_time_s =
-            lines.iter().map(|line| line.approach_s + line.routed.time_s).sum();
+        let cycle_time_s = lines.iter().map(|line| line.approach_s + line.routed.time_s).sum();
         Ok(Self { stops, lines, tour_mm, cycle_time_s })
     }
 
@@ -127,7 +126,11 @@ fn shares(
             let count = (end - first) / parts;
             for part in 0..parts {
                 let stops = first + part * count..first + (part + 1) * count;
-                let found = if part == 0 && parts == 1 { whole.clone() } else { line(&circles[stops.clone()]) };
+                let found = if part == 0 && parts == 1 {
+                    whole.clone()
+                } else {
+                    line(&circles[stops.clone()])
+                };
                 let Some(found) = found else { continue };
                 shares.push(Share { line: router.route(found, planes[first]), stops });
             }
@@ -215,7 +218,8 @@ fn planned(
             begin_cycles.push(begin);
             free = begin + stop.motion.cycles() + task.scanner.jump_cycles();
         }
-        let approach_s = lines.last().map_or(0.0, |before| router.ptp_s(&before.routed, &share.line));
+        let approach_s =
+            lines.last().map_or(0.0, |before| router.ptp_s(&before.routed, &share.line));
         lines.push(PlannedLine {
             routed: share.line,
             first_stop: share.stops.start,

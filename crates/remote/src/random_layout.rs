@@ -67,17 +67,15 @@ impl RandomLayout {
             let exposures = uniform(5.0, 15.0) as u32;
             let (path, process) = if weld {
                 let arm = Point::new(turn.cos(), turn.sin()) * (10.0 + 0.8 * (size - 10.0));
-                let process = Process {
-                    kind: ProcessKind::Welding,
-                    speed_mm_s: 200.0,
-                    ..Process::default()
-                };
+                let process =
+                    Process { kind: ProcessKind::Welding, speed_mm_s: 200.0, ..Process::default() };
                 (BeamPath::line(center - arm, center + arm), process)
             } else {
                 (BeamPath::circle(center, size), Process { exposures, ..Process::default() })
             };
             let name = format!("{} {}", if weld { "seam" } else { "hole" }, index + 1);
-            let path = path.map_err(|problem| RemoteError::Path { subtask: name.clone(), problem })?;
+            let path =
+                path.map_err(|problem| RemoteError::Path { subtask: name.clone(), problem })?;
             subtasks.push(Subtask { name, plane: 0, path, process });
         }
         let mut task = RemoteTask::new(subtasks);

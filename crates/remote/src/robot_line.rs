@@ -146,7 +146,8 @@ pub(crate) fn least_time_s(stops: &[ScanCircle], fastest_mm_s: f64, jump_s: f64)
         total_s = begin_s + stop.time_s;
         begins_s.push(begin_s);
         for (earlier, &earlier_s) in stops[..k].iter().zip(&begins_s) {
-            let apart_mm = stop.center.distance(earlier.center) - stop.radius_mm - earlier.radius_mm;
+            let apart_mm =
+                stop.center.distance(earlier.center) - stop.radius_mm - earlier.radius_mm;
             // From the end of the earlier one's process to the start of this one, if both are at the
             // rims that face each other.
             let between_s = apart_mm / fastest_mm_s;
@@ -200,7 +201,8 @@ pub(crate) fn best_direction(
     }
     if search.refine {
         let around_rad = (step_rad * stride as f64).min(high - low);
-        let found = golden_section(best.0 - around_rad, best.0 + around_rad, BETWEEN, &mut evaluate);
+        let found =
+            golden_section(best.0 - around_rad, best.0 + around_rad, BETWEEN, &mut evaluate);
         if found.1 < best.1 {
             best = found;
         }

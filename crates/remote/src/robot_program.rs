@@ -95,14 +95,20 @@ impl RobotProgram {
             // Writing to a string cannot fail.
             let _ = match *one {
                 RobotMove::Ptp { to, speed_mm_s, acceleration_mm_s2 } => {
-                    writeln!(text, "PTP,{},{speed_mm_s:.6},{acceleration_mm_s2:.6},,,", pose_text(&to))
+                    writeln!(
+                        text,
+                        "PTP,{},{speed_mm_s:.6},{acceleration_mm_s2:.6},,,",
+                        pose_text(&to)
+                    )
                 }
                 RobotMove::Wait { time_s } => writeln!(text, "WAIT,,,,,,,,,{time_s:.6},,"),
-                RobotMove::Line { to, speed_mm_s, acceleration_mm_s2, trigger_mm, list } => writeln!(
-                    text,
-                    "LIN,{},{speed_mm_s:.6},{acceleration_mm_s2:.6},,{trigger_mm:.4},{list}",
-                    pose_text(&to)
-                ),
+                RobotMove::Line { to, speed_mm_s, acceleration_mm_s2, trigger_mm, list } => {
+                    writeln!(
+                        text,
+                        "LIN,{},{speed_mm_s:.6},{acceleration_mm_s2:.6},,{trigger_mm:.4},{list}",
+                        pose_text(&to)
+                    )
+                }
             };
         }
         text
@@ -113,7 +119,8 @@ impl RobotProgram {
     /// # Errors
     /// [`RemoteError::Program`] names the line.
     pub fn from_csv(text: &str) -> Result<Self, RemoteError> {
-        let fault = |line: usize, reason: String| RemoteError::Program { program: "robot", line, reason };
+        let fault =
+            |line: usize, reason: String| RemoteError::Program { program: "robot", line, reason };
         if text.len() > MAX_PROGRAM_BYTES {
             return Err(fault(1, format!("it has more than {MAX_PROGRAM_BYTES} bytes")));
         }
@@ -140,7 +147,12 @@ fn pose_text(pose: &Pose) -> String {
     let near = |value: f64| (value * 1e4).round() / 1e4 + 0.0;
     format!(
         "{:.4},{:.4},{:.4},{:.4},{:.4},{:.4}",
-        near(x), near(y), near(z), near(a), near(b), near(c)
+        near(x),
+        near(y),
+        near(z),
+        near(a),
+        near(b),
+        near(c)
     )
 }
 

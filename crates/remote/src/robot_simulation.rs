@@ -78,7 +78,8 @@ pub(crate) fn run_robot(program: &RobotProgram, cycle_s: f64) -> RobotRun {
             RobotMove::Ptp { to, speed_mm_s, acceleration_mm_s2 } => {
                 if let Some(from) = here {
                     let length_mm = distance_mm(from.place_mm, to.place_mm);
-                    let cycles = profile(length_mm, speed_mm_s, acceleration_mm_s2, cycle_s).len() - 1;
+                    let cycles =
+                        profile(length_mm, speed_mm_s, acceleration_mm_s2, cycle_s).len() - 1;
                     run.pause(from, to, cycles as f64 * cycle_s);
                 }
                 here = Some(to);
@@ -94,7 +95,8 @@ pub(crate) fn run_robot(program: &RobotProgram, cycle_s: f64) -> RobotRun {
                 let distances_mm = profile(length_mm, speed_mm_s, acceleration_mm_s2, cycle_s);
                 let trigger_cycle =
                     distances_mm.iter().position(|&way| way >= trigger_mm - TRIGGER_MM);
-                let fastest = distances_mm.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+                let fastest =
+                    distances_mm.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
                 let line = LineRun {
                     from,
                     to,

@@ -3,7 +3,7 @@
 use lasergym_geom::Point;
 
 use crate::plane::distance_mm;
-use crate::{Plane, RobotLine, RemoteTask, ScanCircle, SpeedRange};
+use crate::{Plane, RemoteTask, RobotLine, ScanCircle, SpeedRange};
 
 /// A line with its place in space and the time it takes with lead-in, lead-out and restart.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,8 +52,7 @@ impl<'a> Router<'a> {
         let flat = |y_mm: f64, planes: &[Plane]| planes[plane].to_space(line.place(y_mm));
         let from_mm = flat(line.start_mm - lead_mm, &self.task.planes);
         let run_s = robot.whole_cycles_s(line.time_s());
-        let to_mm =
-            flat(line.start_mm + run_s * line.speed_mm_s + lead_mm, &self.task.planes);
+        let to_mm = flat(line.start_mm + run_s * line.speed_mm_s + lead_mm, &self.task.planes);
         let lead_s = robot.lead_s(line.speed_mm_s);
         let time_s = robot.whole_cycles_s(robot.restart_s) + run_s + 2.0 * lead_s;
         RoutedLine { line, plane, from_mm, to_mm, time_s }

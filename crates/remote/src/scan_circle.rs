@@ -114,14 +114,7 @@ fn stop(
             exposures: (share * f64::from(piece.process.exposures)).floor() as u32,
         });
     }
-    Ok(Stop {
-        subtask: index,
-        name: piece.name,
-        path: piece.path,
-        motion,
-        enclosing,
-        scan_circle,
-    })
+    Ok(Stop { subtask: index, name: piece.name, path: piece.path, motion, enclosing, scan_circle })
 }
 
 /// As few pieces of equal length as fit into circles of `limit_mm` radius.

@@ -102,7 +102,10 @@ impl ScannerProgram {
             Some((SCANNER_CSV_HEADER, _)) => {}
             found => {
                 let found = found.map_or("", |(line, _)| line);
-                return Err(fault(1, format!("the header is {found:?}, not {SCANNER_CSV_HEADER:?}")));
+                return Err(fault(
+                    1,
+                    format!("the header is {found:?}, not {SCANNER_CSV_HEADER:?}"),
+                ));
             }
         }
         let mut lists: Vec<ScannerList> = Vec::new();
@@ -158,10 +161,7 @@ fn vectors(task: &RemoteTask, plan: &RemotePlan, planned: &PlannedLine) -> Vec<S
     let in_field = |work: Point, cycle: u64| {
         let robot = line.place(line.start_mm + line.speed_mm_s * cycle as f64 * cycle_s);
         let away = work - robot;
-        Point::new(
-            away.x * axis_x.x + away.y * axis_x.y,
-            away.x * axis_y.x + away.y * axis_y.y,
-        )
+        Point::new(away.x * axis_x.x + away.y * axis_x.y, away.x * axis_y.x + away.y * axis_y.y)
     };
     let mut vectors: Vec<ScanVector> = Vec::new();
     let off = |cycles: u64, to_mm: Point| ScanVector { cycles, to_mm, laser: false, subtask: None };

@@ -74,7 +74,11 @@ impl SeamGauge {
 
     fn nearer(&self, best: (f64, usize, f64), index: usize, point: Point) -> (f64, usize, f64) {
         let (distance_mm, along_mm) = nearest(&self.pieces[index], point);
-        if distance_mm < best.0 { (distance_mm, index, self.begins_mm[index] + along_mm) } else { best }
+        if distance_mm < best.0 {
+            (distance_mm, index, self.begins_mm[index] + along_mm)
+        } else {
+            best
+        }
     }
 }
 
@@ -94,12 +98,17 @@ fn nearest(piece: &PathPiece, point: Point) -> (f64, f64) {
             let arm = point - center;
             let turned = arm.y.atan2(arm.x) - start_rad;
             let turn = std::f64::consts::TAU;
-            let way = if sweep_rad >= 0.0 { turned.rem_euclid(turn) } else { (-turned).rem_euclid(turn) };
+            let way =
+                if sweep_rad >= 0.0 { turned.rem_euclid(turn) } else { (-turned).rem_euclid(turn) };
             if way <= sweep_rad.abs() {
                 ((arm.length() - radius_mm).abs(), way * radius_mm)
             } else {
                 let ends = [point.distance(piece.at(0.0)), point.distance(piece.at(1.0))];
-                if ends[0] <= ends[1] { (ends[0], 0.0) } else { (ends[1], sweep_rad.abs() * radius_mm) }
+                if ends[0] <= ends[1] {
+                    (ends[0], 0.0)
+                } else {
+                    (ends[1], sweep_rad.abs() * radius_mm)
+                }
             }
         }
     }

@@ -169,7 +169,8 @@ impl<'a> Judge<'a> {
 
     /// The robot moves, or stands still, with the laser off.
     fn rest(&mut self, wait: &IdleRun) {
-        let steps = if self.sample_s > 0.0 { (wait.time_s / self.sample_s).ceil().min(1e5) } else { 0.0 };
+        let steps =
+            if self.sample_s > 0.0 { (wait.time_s / self.sample_s).ceil().min(1e5) } else { 0.0 };
         for step in 0..steps as u32 {
             let part = f64::from(step) / steps;
             // For the picture only: as if the way were straight and the speed smooth.
@@ -186,10 +187,8 @@ impl<'a> Judge<'a> {
     /// A place of the field on the workpiece, in the frame of the robot.
     fn on_workpiece(&self, robot_mm: [f64; 3], turn: PlaneFrame, field_mm: Point) -> [f64; 3] {
         let (cos, sin) = self.field_turn;
-        let flat = Point::new(
-            cos * field_mm.x - sin * field_mm.y,
-            sin * field_mm.x + cos * field_mm.y,
-        );
+        let flat =
+            Point::new(cos * field_mm.x - sin * field_mm.y, sin * field_mm.x + cos * field_mm.y);
         let turned = turn.to_space(flat);
         [0, 1, 2].map(|axis| robot_mm[axis] + turned[axis])
     }
@@ -308,7 +307,8 @@ impl<'a> Judge<'a> {
             let least = self.gauges[index].least_exposures();
             // Parts of a seam begin and end between two looks.
             if least < 0.95 * wanted {
-                let words = format!("a part of {} has {least:.2} exposures of {wanted}", subtask.name);
+                let words =
+                    format!("a part of {} has {least:.2} exposures of {wanted}", subtask.name);
                 self.problem(Fault::Exposures, index, words);
             }
         }

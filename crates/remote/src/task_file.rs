@@ -161,7 +161,8 @@ impl NamedProcessFile {
             KindFile::Welding => (ProcessKind::Welding, WELDING_MM_S),
         };
         let values = ProcessValues::read(self.values, &self.name)?;
-        let process = values.over(Process { kind, speed_mm_s, ..Process::default() }, &self.name)?;
+        let process =
+            values.over(Process { kind, speed_mm_s, ..Process::default() }, &self.name)?;
         Ok((self.name, process))
     }
 }
@@ -185,8 +186,9 @@ impl ProcessValues {
             }
             (None, None) => None,
             _ => {
-                let reason =
-                    format!("{owner} has one of thickness_mm and ablation_um: give both or exposures");
+                let reason = format!(
+                    "{owner} has one of thickness_mm and ablation_um: give both or exposures"
+                );
                 return Err(RemoteError::TaskFile { reason });
             }
         };
@@ -267,7 +269,8 @@ impl SubtaskFile {
         let missing = |key: &str| RemoteError::TaskFile {
             reason: format!("{name} is a {} and needs {key}", self.kind.word()),
         };
-        let needs = |value: Option<[f64; 2]>, key: &str| value.map(point).ok_or_else(|| missing(key));
+        let needs =
+            |value: Option<[f64; 2]>, key: &str| value.map(point).ok_or_else(|| missing(key));
         let center = || needs(self.center_mm, "center_mm");
         let radius = || self.radius_mm.ok_or_else(|| missing("radius_mm"));
         let path = match self.kind {
@@ -391,7 +394,8 @@ fn drawn_subtasks(
     let drawing = DrawingCurves::load(&path)
         .map_err(|source| RemoteError::Drawing { path: path.clone(), source })?;
     let offset = point(file.offset_mm);
-    let stem = file.file.file_stem().map_or_else(|| owner.clone(), |s| s.to_string_lossy().into_owned());
+    let stem =
+        file.file.file_stem().map_or_else(|| owner.clone(), |s| s.to_string_lossy().into_owned());
     let mut subtasks = Vec::with_capacity(drawing.curves.len());
     for (curve, number) in drawing.curves.iter().zip(1..) {
         let name = format!("{stem} {number}");

@@ -4,9 +4,9 @@ use std::f64::consts::FRAC_PI_2;
 
 use lasergym_geom::Point;
 use lasergym_remote::{
-    BeamPath, DirectionSearch, LineChoice, LineFunctions, PlanOptions, Plane, Process,
-    ProcessKind, RemoteError, RemotePlan, RemoteTask, RobotLine, RobotProgram, ScanCircle,
-    ScannerProgram, SpeedRange, Subtask, simulate,
+    BeamPath, DirectionSearch, LineChoice, LineFunctions, PlanOptions, Plane, Process, ProcessKind,
+    RemoteError, RemotePlan, RemoteTask, RobotLine, RobotProgram, ScanCircle, ScannerProgram,
+    SpeedRange, Subtask, simulate,
 };
 
 const SPEEDS: SpeedRange = SpeedRange { slowest_mm_s: 1.0, fastest_mm_s: 200.0 };
@@ -43,7 +43,8 @@ fn a_subtask_as_large_as_the_field_is_split_or_refused() {
     let mut whole = hole(0.0, 0.0, 150.0, 1);
     good_plan(&RemoteTask::new(vec![whole.clone()]));
     whole.process.split = false;
-    let error = RemotePlan::new(&RemoteTask::new(vec![whole]), &PlanOptions::default()).unwrap_err();
+    let error =
+        RemotePlan::new(&RemoteTask::new(vec![whole]), &PlanOptions::default()).unwrap_err();
     let message = error.to_string();
     for words in ["hole at 0, 0", "150.0 mm", "split"] {
         assert!(message.contains(words), "{message}");
@@ -137,7 +138,8 @@ fn tangent_circles_share_one_offset_and_have_no_time_there() {
 
 #[test]
 fn a_line_ends_before_the_subtask_that_does_not_fit() {
-    let mut subtasks: Vec<Subtask> = (0..3).map(|k| hole(230.0 * f64::from(k), 0.0, 60.0, 7)).collect();
+    let mut subtasks: Vec<Subtask> =
+        (0..3).map(|k| hole(230.0 * f64::from(k), 0.0, 60.0, 7)).collect();
     subtasks.push(hole(460.0, 500.0, 60.0, 7));
     let task = RemoteTask::new(subtasks);
     for choice in [LineChoice::Greedy, LineChoice::GreedyAnyDirection] {
@@ -201,9 +203,8 @@ fn welding_slows_the_robot_where_it_must() {
     let plan = good_plan(&RemoteTask::new(vec![weld.clone(), hole(230.0, 0.0, 60.0, 7)]));
     let stop = plan.stops.iter().find(|stop| stop.subtask == 0).unwrap();
     assert!((stop.scan_circle.time_s - 1.885).abs() < 1e-3);
-    let line = plan.lines.iter().find(|line| {
-        line.stops().any(|index| plan.stops[index].subtask == 0)
-    });
+    let line =
+        plan.lines.iter().find(|line| line.stops().any(|index| plan.stops[index].subtask == 0));
     // 180 mm of scan circle in 1.885 s.
     assert!(line.unwrap().routed.line.speed_mm_s <= 95.6);
     // The limit of a process holds for every line that it shares.
@@ -217,7 +218,8 @@ fn welding_slows_the_robot_where_it_must() {
 
 #[test]
 fn both_clocks_are_kept() {
-    let mut task = RemoteTask::new((0..4).map(|k| hole(180.0 * f64::from(k), 0.0, 60.0, 7)).collect());
+    let mut task =
+        RemoteTask::new((0..4).map(|k| hole(180.0 * f64::from(k), 0.0, 60.0, 7)).collect());
     task.robot.cycle_ms = 4.0;
     let plan = good_plan(&task);
     let whole = |time_s: f64, cycle_s: f64| {

@@ -76,8 +76,11 @@ fn sections_offsets_and_speeds_of_one_row() {
 
 #[test]
 fn optimised_lines_of_one_row() {
-    let figures =
-        [("685.9", "157.04", "842.96"), ("761.3", "119.34", "880.66"), ("861.9", "69.07", "930.93")];
+    let figures = [
+        ("685.9", "157.04", "842.96"),
+        ("761.3", "119.34", "880.66"),
+        ("861.9", "69.07", "930.93"),
+    ];
     for (exposures, (length, start, end)) in EXPOSURES.into_iter().zip(figures) {
         let row = circles(&ROW, exposures);
         let line = RobotLine::best(&row, SPEEDS, 0.0, DirectionSearch::default()).unwrap();
@@ -98,7 +101,8 @@ fn the_plan_has_two_lines_and_a_tour_of_1930_mm() {
     // Out of order, so that the tour has something to do.
     centers.swap(1, 6);
     centers.swap(0, 3);
-    let initial = [("688.0", "200.0", "3.440"), ("690.0", "143.2", "4.817"), ("690.0", "102.3", "6.744")];
+    let initial =
+        [("688.0", "200.0", "3.440"), ("690.0", "143.2", "4.817"), ("690.0", "102.3", "6.744")];
     let optimised = ["3.430", "3.807", "4.309"];
     let savings = ["0.3", "21.0", "36.1"];
     for (k, exposures) in EXPOSURES.into_iter().enumerate() {
@@ -120,8 +124,7 @@ fn the_plan_has_two_lines_and_a_tour_of_1930_mm() {
             assert!(joint.cycle_time_s <= best.cycle_time_s + 1e-9, "{choice:?}");
             assert_eq!(best.lines.len(), 2, "{choice:?}");
             for (line, initial) in best.lines.iter().zip(&start.lines) {
-                let (time_s, initial_s) =
-                    (line.routed.line.time_s(), initial.routed.line.time_s());
+                let (time_s, initial_s) = (line.routed.line.time_s(), initial.routed.line.time_s());
                 assert_digits(time_s, optimised[k]);
                 assert_digits(100.0 * (1.0 - time_s / initial_s), savings[k]);
             }
@@ -155,7 +158,9 @@ fn displaced_holes_along_plus_y() {
     // 50 µm of ablation take too long for one line at full speed.
     let full = SpeedRange { slowest_mm_s: 200.0, ..SPEEDS };
     assert!(RobotLine::along(&circles(&DISPLACED, 14), FRAC_PI_2, full, 0.0).is_none());
-    assert!(RobotLine::best(&circles(&DISPLACED, 14), full, 0.0, DirectionSearch::default()).is_none());
+    assert!(
+        RobotLine::best(&circles(&DISPLACED, 14), full, 0.0, DirectionSearch::default()).is_none()
+    );
 }
 
 #[test]
@@ -165,8 +170,12 @@ fn displaced_holes_in_the_best_direction() {
         let line = RobotLine::best(&circles(&DISPLACED, exposures), SPEEDS, 0.0, sampled).unwrap();
         assert_digits(line.length_mm(), length);
         assert!((line.direction_rad.to_degrees() - 97.0).abs() < 1e-9, "{}", line.direction_rad);
-        let refined =
-            RobotLine::best(&circles(&DISPLACED, exposures), SPEEDS, 0.0, DirectionSearch::default());
+        let refined = RobotLine::best(
+            &circles(&DISPLACED, exposures),
+            SPEEDS,
+            0.0,
+            DirectionSearch::default(),
+        );
         assert!(refined.unwrap().length_mm() <= line.length_mm());
     }
 }

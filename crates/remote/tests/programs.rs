@@ -68,7 +68,12 @@ fn assert_good(task: &RemoteTask, choice: LineChoice) -> RemotePlan {
     assert!(report.max_seam_error_mm < 0.01, "{}", report.max_seam_error_mm);
     // Every move may differ by a cycle from the closed form.
     let moves = 3.0 * plan.lines.len() as f64;
-    assert!((report.total_s - plan.cycle_time_s).abs() < 2.1e-3 * moves, "{} {}", report.total_s, plan.cycle_time_s);
+    assert!(
+        (report.total_s - plan.cycle_time_s).abs() < 2.1e-3 * moves,
+        "{} {}",
+        report.total_s,
+        plan.cycle_time_s
+    );
     assert!((report.laser_s - plan.laser_s()).abs() < 1e-9);
     plan
 }
@@ -76,12 +81,9 @@ fn assert_good(task: &RemoteTask, choice: LineChoice) -> RemotePlan {
 #[test]
 fn the_heat_exchanger_is_cut_as_planned() {
     let task = heat_exchanger();
-    for choice in [
-        LineChoice::Initial,
-        LineChoice::Greedy,
-        LineChoice::GreedyAnyDirection,
-        LineChoice::Joint,
-    ] {
+    for choice in
+        [LineChoice::Initial, LineChoice::Greedy, LineChoice::GreedyAnyDirection, LineChoice::Joint]
+    {
         assert_good(&task, choice);
     }
 }
@@ -107,7 +109,16 @@ fn golden_programs() {
 
 /// Tasks of circles, lines and polylines, welded and cut, on up to two planes.
 fn tasks() -> impl Strategy<Value = RemoteTask> {
-    let shape = (0..3, -400.0..400.0, -300.0..300.0, 6.0..60.0, 0.0..6.2, 1..8_u32, any::<bool>(), 0..2_usize);
+    let shape = (
+        0..3,
+        -400.0..400.0,
+        -300.0..300.0,
+        6.0..60.0,
+        0.0..6.2,
+        1..8_u32,
+        any::<bool>(),
+        0..2_usize,
+    );
     let subtask = shape.prop_map(|(kind, x, y, size, angle, exposures, weld, plane)| {
         let at = |radius: f64, turn: f64| {
             Point::new(x + radius * f64::cos(angle + turn), y + radius * f64::sin(angle + turn))
@@ -118,7 +129,12 @@ fn tasks() -> impl Strategy<Value = RemoteTask> {
             _ => BeamPath::polyline(&[at(size, 0.0), at(size, 1.5), at(size, 3.0), at(size, 0.0)]),
         };
         let process = if weld {
-            Process { kind: ProcessKind::Welding, speed_mm_s: 200.0, max_inclination_deg: 18.0, ..Process::default() }
+            Process {
+                kind: ProcessKind::Welding,
+                speed_mm_s: 200.0,
+                max_inclination_deg: 18.0,
+                ..Process::default()
+            }
         } else {
             Process { exposures, ..Process::default() }
         };
@@ -129,7 +145,11 @@ fn tasks() -> impl Strategy<Value = RemoteTask> {
         task.scanner.field_angle_deg = 30.0;
         task.planes = vec![
             Plane { name: "top".into(), ..Plane::default() },
-            Plane { name: "side".into(), origin_mm: [0.0, 900.0, -300.0], abc_deg: [20.0, -30.0, 60.0] },
+            Plane {
+                name: "side".into(),
+                origin_mm: [0.0, 900.0, -300.0],
+                abc_deg: [20.0, -30.0, 60.0],
+            },
         ];
         task
     })
@@ -158,7 +178,11 @@ fn faults_of_programs_are_found() {
     let (robot, scanner) = (RobotProgram::of(&task, &plan), ScannerProgram::of(&task, &plan));
     let fault = |robot: &RobotProgram, scanner: &ScannerProgram, words: &str| {
         let report = simulate(&task, robot, scanner, 0.0).unwrap();
-        assert!(report.problems.iter().any(|p| p.contains(words)), "{words}: {:?}", report.problems);
+        assert!(
+            report.problems.iter().any(|p| p.contains(words)),
+            "{words}: {:?}",
+            report.problems
+        );
     };
     let changed_robot = |change: &dyn Fn(&mut RobotMove)| {
         let mut changed = robot.clone();

@@ -64,7 +64,10 @@ fn a_task_says_what_it_says() {
     let [hole, seam, arc, corner] = &task.subtasks[..] else { panic!("{:?}", task.subtasks) };
     assert_eq!((hole.name.as_str(), hole.plane, hole.process.exposures), ("circle 1", 0, 10));
     assert!((hole.process.speed_mm_s - 6000.0).abs() < 1e-12);
-    assert_eq!((seam.name.as_str(), seam.plane, seam.process.kind), ("long seam", 1, ProcessKind::Welding));
+    assert_eq!(
+        (seam.name.as_str(), seam.plane, seam.process.kind),
+        ("long seam", 1, ProcessKind::Welding)
+    );
     assert!((seam.process.speed_mm_s - 150.0).abs() < 1e-12);
     assert!((seam.process.max_inclination_deg - 15.0).abs() < 1e-12);
     assert!(arc.path.end().distance(Point::new(0.0, -10.0)) < 1e-9);
@@ -73,13 +76,15 @@ fn a_task_says_what_it_says() {
 
 #[test]
 fn drawings_become_subtasks() {
-    let text = "[[drawing]]\nfile = \"bracket.dxf\"\noffset_mm = [100.0, 0.0]\nspeed_mm_s = 500.0\n";
+    let text =
+        "[[drawing]]\nfile = \"bracket.dxf\"\noffset_mm = [100.0, 0.0]\nspeed_mm_s = 500.0\n";
     let task = RemoteTask::from_toml(text, Some(&assets())).unwrap();
     // The outline, two holes and a slot.
     assert_eq!(task.subtasks.len(), 4);
-    let circles = task.subtasks.iter().filter(|subtask| {
-        matches!(subtask.path.pieces(), [PathPiece::Arc { .. }])
-    });
+    let circles = task
+        .subtasks
+        .iter()
+        .filter(|subtask| matches!(subtask.path.pieces(), [PathPiece::Arc { .. }]));
     assert_eq!(circles.count(), 2);
     for subtask in &task.subtasks {
         assert!(subtask.path.is_closed() && subtask.path.start().x >= 99.0, "{}", subtask.name);
@@ -113,7 +118,11 @@ fn bad_tasks_are_refused_with_a_reason() {
         ("sweep_deg = -180.0", "sweep_deg = -720.0", "sweeps"),
         ("points_mm = [[0.0, 0.0], [30.0, 0.0], [30.0, 40.0]]", "points_mm = []", "no piece"),
         ("[30.0, 40.0]]", "[nan, 40.0]]", "finite"),
-        ("origin_mm = [0.0, 10.0, -50.0]", "origin_mm = [0.0, inf, 0.0]", "origin_mm of plane side"),
+        (
+            "origin_mm = [0.0, 10.0, -50.0]",
+            "origin_mm = [0.0, inf, 0.0]",
+            "origin_mm of plane side",
+        ),
     ] {
         let changed = TASK.replacen(from, to, 1);
         assert_ne!(changed, TASK, "{from}");

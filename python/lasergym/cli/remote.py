@@ -1,4 +1,4 @@
-"""``lasergym remote``: a task in, programs of robot and scanner, picture, animation and report out."""
+"""``lasergym remote``: a task in; programs, picture, animation and report out."""
 
 from __future__ import annotations
 
@@ -38,9 +38,7 @@ def remote(
     directions: Annotated[
         int, option("--directions", help="Directions of a turn that are tried.")
     ] = 360,
-    keep_order: Annotated[
-        bool, option("--keep-order", help="Keep the order of the task.")
-    ] = False,
+    keep_order: Annotated[bool, option("--keep-order", help="Keep the order of the task.")] = False,
     as_json: Annotated[bool, option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Plan robot lines and scanner programs for remote cutting and welding."""

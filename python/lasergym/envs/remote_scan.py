@@ -34,9 +34,9 @@ class RemoteScanEnv(gym.Env[NDArray[np.float32], NDArray[np.int64]]):
     2012). The layout is new in every episode.
 
     ## Action Space
-    `MultiDiscrete([subtasks, 17])`: the subtask and the direction. Direction 0 goes on with the line
-    in its direction, where the subtask can be processed after the others; where it cannot, a new line
-    begins towards it. Direction k from 1 on begins a new line at (k - 1) · 22.5°.
+    `MultiDiscrete([subtasks, 17])`: the subtask and the direction. Direction 0 goes on with the
+    line in its direction, where the subtask can be processed after the others; where it cannot, a
+    new line begins towards it. Direction k from 1 on begins a new line at (k - 1) · 22.5°.
 
     ## Observation Space
     `Box(-1, 2, (6 + 6 · subtasks,), float32)`. The robot: x and y in parts of the sheet, cosine and
