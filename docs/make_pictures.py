@@ -1,16 +1,18 @@
 """Draws the pictures of these pages: ``python docs/make_pictures.py``.
 
 Writes ``docs/pictures/*.png`` and ``*.gif``, and prints the score of each plan. Needs Pillow,
-matplotlib for the plan of robot and scanner, and Chromium for the report of a job.
+Matplotlib, and Chromium for the report of a job.
 """
 
 from __future__ import annotations
 
+import csv
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -106,6 +108,28 @@ def draw_remote_plan(name: str) -> None:
     print(f"{name}: {plan.cycle_time_s:.3f} s")
 
 
+def draw_pointing_error(name: str) -> None:
+    """Writes ``name.png`` from ``pointing_error.csv``, which the Rust example prints."""
+    curves: dict[str, list[tuple[float, float, float]]] = {}
+    with (HERE / "pointing_error.csv").open(encoding="utf-8", newline="") as file:
+        for error_px, decider, mean, spread in list(csv.reader(file))[1:]:
+            curves.setdefault(decider, []).append((float(error_px), float(mean), float(spread)))
+    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
+    axis = figure.subplots()
+    # Okabe and Ito's palette, which colour-blind people can tell apart; open loops are dashed.
+    colors = ("#0072B2", "#E69F00", "#CC79A7", "#D55E00", "#D55E00", "#009E73")
+    for (decider, points), color in zip(curves.items(), colors, strict=True):
+        errors_px, means, spreads = zip(*points, strict=True)
+        line = "--" if decider.endswith("open loop") else "-"
+        axis.errorbar(errors_px, means, spreads, fmt=f"o{line}", ms=3, color=color, label=decider)
+    axis.set_xlabel("pointing error, standard deviation along each axis / px")
+    axis.set_ylabel("reward · 10⁴ / area")
+    axis.grid(color="#d9dce0", linewidth=0.5)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.legend(fontsize=8, frameon=False)
+    figure.savefig(PICTURES / f"{name}.png", dpi=100)
+
+
 def mosaic(tiles: list[NDArray[np.uint8]], columns: int) -> NDArray[np.uint8]:
     """Tiles of equal size, uint8 of shape (height, width, 3), on white, row by row."""
     height, width, _ = tiles[0].shape
@@ -134,6 +158,7 @@ def main() -> None:
         draw_policy(policy, target)
     draw_job_report("job_report")
     draw_remote_plan("remote_plan")
+    draw_pointing_error("pointing_error")
 
 
 if __name__ == "__main__":

@@ -8,10 +8,9 @@ its last checkpoint. It leaves ``policy.safetensors`` and ``history.csv``.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +18,11 @@ import torch
 
 import lasergym
 from lasergym.comparison import PulseBudget
-from lasergym.export import write_network
 from lasergym.policy import Policy
 from lasergym.targets import Target
-from lasergym.training.corrections import CorrectionLearner, CorrectionOptions, Progress
+from lasergym.training.correction_options import CorrectionOptions, LessonProgress
+from lasergym.training.lessons import learn_from_planner
 from lasergym.training.spatial_decision import POLISH_PX
-from lasergym.training.tables import to_table
 from lasergym.training.teacher import FIRST_VALIDATION_SEED, TeacherTask
 
 AREA_BUDGET = PulseBudget(pulses=None, area_per_pulse_px=125.0)
@@ -57,15 +55,6 @@ def validate(policy: Policy, tasks: tuple[TeacherTask, ...], targets: int) -> di
         for planner, mean in zip(("greedy", "policy", "anneal"), np.mean(gains, 0), strict=True):
             means[f"{task.value} {planner}"] = round(float(mean), 5)
     return means
-
-
-def export(
-    learner: CorrectionLearner, path: Path, training: dict[str, object], polish_px: float
-) -> Policy:
-    """Writes the policy file and loads it as users do."""
-    network = learner.network.exported(polish_px=polish_px)
-    write_network(network, path, storage="bfloat16", training=training)
-    return Policy.load(path)
 
 
 def main() -> None:
@@ -106,41 +95,27 @@ def main() -> None:
         learning_rate=arguments.learning_rate,
         seed=arguments.seed,
     )
-    learner = CorrectionLearner(options)
-    folder: Path = arguments.output
-    folder.mkdir(parents=True, exist_ok=True)
-    checkpoint = folder / "checkpoint.pt"
-    if checkpoint.exists():
-        learner.load(checkpoint)
-    elif arguments.begin_with is not None:
-        learner.begin_with(arguments.begin_with)
-    history = folder / "history.csv"
+    path = learn_from_planner(
+        options,
+        arguments.output,
+        show,
+        begin_with=arguments.begin_with,
+        polish_px=arguments.polish_px,
+    )
+    policy = Policy.load(path)
+    training = policy.manifest["training"]
+    print(json.dumps(training | validate(policy, tasks, arguments.targets)))
 
-    def report(progress: Progress) -> None:
-        row = asdict(progress) | {"returns": float(np.mean(progress.returns or [math.nan]))}
-        fresh = not history.exists()
-        with history.open("a", newline="") as file:
-            writer = csv.DictWriter(file, list(row))
-            if fresh:
-                writer.writeheader()
-            writer.writerow(row)
-        print(
-            f"{progress.updates:6} updates, loss {progress.loss:.3f}, regret "
-            f"{progress.regret_px:.2f} px (ring score {progress.heuristic_regret_px:.2f}), "
-            f"gain / area {row['returns']:.4f}, {progress.elapsed_s:.0f} s",
-            flush=True,
-        )
 
-    learner.learn(report, checkpoint)
-    summary = {
-        "options": to_table(options),
-        "begun_with": None if arguments.begin_with is None else arguments.begin_with.name,
-        "updates": learner.updates,
-        "samples": learner.samples,
-        "elapsed_s": round(learner.elapsed_s),
-    }
-    policy = export(learner, folder / "policy.safetensors", summary, arguments.polish_px)
-    print(json.dumps(summary | validate(policy, tasks, arguments.targets)))
+def show(progress: LessonProgress) -> None:
+    """Prints how far the training is."""
+    gain = float(np.mean(progress.returns)) if progress.returns else math.nan
+    print(
+        f"{progress.updates:6} updates, loss {progress.loss:.3f}, regret "
+        f"{progress.regret_px:.2f} px (ring score {progress.heuristic_regret_px:.2f}), "
+        f"gain / area {gain:.4f}, {progress.elapsed_s:.0f} s",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ __all__ = [
     "PlannerName",
     "ProgressCallback",
     "Score",
+    "expected_error_px",
     "learned_policy",
     "plan",
     "score",
@@ -145,6 +146,7 @@ def plan(
     start: ArrayLike | None = None,
     forbidden: NDArray[np.bool_] | None = None,
     policy: Policy | PolicyName | str | Path | None = None,
+    pointing_error_px: float = 0.0,
     progress: ProgressCallback | None = None,
 ) -> Plan:
     """Plans pulses for a target.
@@ -173,6 +175,8 @@ def plan(
             beside the target.
         policy: The policy of ``"policy"`` and ``"agent-mpc"``, the name of a shipped one
             (:data:`lasergym.policy.SHIPPED_POLICIES`) or of a file. Default: ``"random-shape"``.
+        pointing_error_px: Standard deviation along each axis by which pulses miss their aim, px, in
+            [0, 8]: ``"agent-mpc"`` plans on the gain that is expected then.
         progress: Called now and then with (fraction done, best reward); returning True stops the
             planner.
 
@@ -201,6 +205,7 @@ def plan(
         "restarts": integer_in("restarts", restarts, 1, 10_000),
         "start": None if start is None else positions(start),
         "policy": None if learned is None else learned.native,
+        "pointing_error_px": expected_error_px(planner, pointing_error_px),
     }
     started_s = time.perf_counter()
     xy_px, reward, machined_fraction, off_target_fraction, partial = _native.plan(
@@ -231,6 +236,19 @@ def learned_policy(planner: str, policy: Policy | PolicyName | str | Path | None
     if policy is not None:
         raise OptionError(f"policy is {policy}, but only {' and '.join(LEARNED_PLANNERS)} take one")
     return None
+
+
+def expected_error_px(planner: str, pointing_error_px: float) -> float:
+    """The pointing error that a planner expects, px.
+
+    Raises:
+        OptionError: The planner takes none.
+    """
+    if pointing_error_px != 0 and planner != "agent-mpc":
+        raise OptionError(
+            f"pointing_error_px is {pointing_error_px}, but only agent-mpc expects an error"
+        )
+    return pointing_error_px
 
 
 def score(target: TargetLike, xy_px: ArrayLike, pulse_radius_px: float = 9.0) -> Score:

@@ -126,6 +126,7 @@ def test_an_unknown_effect_is_refused(tmp_path: Path) -> None:
     "deciding",
     [
         Deciding(planner="greedy", policy="random-shape"),
+        Deciding(planner="policy", pointing_error_px=1.0),
         Deciding(planner="fixed"),
         Deciding(planner="greedy", plan=[[1.0, 2.0]]),
         Deciding(planner="raster"),  # type: ignore[arg-type]
@@ -135,6 +136,14 @@ def test_deciding_that_does_not_fit_is_refused(tmp_path: Path, deciding: Decidin
     with pytest.raises(OptionError):
         run_job(TARGET, tmp_path / "job", deciding=deciding)
     assert not (tmp_path / "job").exists()
+
+
+def test_deciding_comes_back_from_what_the_journal_has() -> None:
+    deciding = Deciding(planner="agent-mpc", seed=4, moves=10, pointing_error_px=1.5)
+    again = Deciding.of(deciding.written(), None)
+    assert (again.planner, again.seed, again.moves) == ("agent-mpc", 4, 10)
+    assert again.pointing_error_px == 1.5
+    assert again.written() == deciding.written()
 
 
 def test_a_plan_is_fired_as_it_is(tmp_path: Path) -> None:

@@ -173,3 +173,35 @@ def test_foresight_without_moves_is_the_policy_and_with_them_better(tmp_path: Pa
         rewards.append((thoughtful.reward, alone.reward))
     thoughtful_reward, alone_reward = np.mean(rewards, axis=0)
     assert thoughtful_reward > alone_reward
+
+
+def test_with_known_pointing_errors_planning_on_what_is_expected_pays() -> None:
+    generator = np.random.default_rng(5)
+    rewards = []
+    for seed in range(4):
+        target = lasergym.targets.random_shape(seed=seed)
+        plans = [
+            lasergym.plan(
+                target, "agent-mpc", max_pulses=20, iterations=1500, pointing_error_px=error_px
+            )
+            for error_px in (0.0, 4.0)
+        ]
+        for _ in range(20):
+            errors_px = generator.normal(0.0, 4.0, (20, 2))
+            rewards.append(
+                [
+                    lasergym.score(target, plan.xy_px + errors_px[: plan.pulses]).reward
+                    for plan in plans
+                ]
+            )
+    nominal_reward, expecting_reward = np.mean(rewards, axis=0)
+    assert expecting_reward > nominal_reward
+
+
+def test_pointing_errors_are_for_agent_mpc_and_in_range() -> None:
+    target = lasergym.targets.star()
+    with pytest.raises(OptionError, match="only agent-mpc"):
+        lasergym.plan(target, "greedy", pointing_error_px=1.0)
+    for error_px in (-1.0, 8.5, float("nan")):
+        with pytest.raises(OptionError, match=r"in \[0, 8\] px"):
+            lasergym.plan(target, "agent-mpc", pointing_error_px=error_px)

@@ -13,6 +13,7 @@ from lasergym.training import (
     ConfigError,
     EvaluationConfig,
     MethodConfig,
+    Phase,
     PolicyConfig,
     PolicyKind,
     PpoConfig,
@@ -30,6 +31,7 @@ from lasergym.export import export_policy
 from lasergym.sb3 import SpatialPolicy
 from lasergym.training.agents import Agent, AgentError, load_agent, load_weights
 from lasergym.training.config import Observation
+from lasergym.training.correction_options import CorrectionOptions, LessonProgress
 from lasergym.training.environments import make_environments
 from lasergym.training.evaluation import run_agent
 from lasergym.training.run import make_model, resume, train
@@ -180,3 +182,55 @@ def test_pulses_are_counted_in_the_budget_of_each_target(monkeypatch: pytest.Mon
     run_agent(Agent(policy, Observation.LAYERS), targets)
     assert counted == [3] * 3 + [5] * 5
     assert policy.max_pulses == 8
+
+
+def taught(*phases: Phase, channels: int = 4) -> TrainingConfig:
+    """A run whose policy learns from the planner first."""
+    lessons = CorrectionOptions(
+        updates=4, updates_per_lesson=2, jobs=4, batch_size=4, moves=100, channels=channels, seed=7
+    )
+    config = small()
+    return replace(config, method=replace(config.method, phases=phases, planner=lessons))
+
+
+def test_reward_goes_on_from_what_the_planner_taught(tmp_path: Path) -> None:
+    told: list[LessonProgress] = []
+    config = taught(Phase.PLANNER, Phase.PPO)
+    result = train(config, tmp_path / "run", pictures=False, lessons=told.append)
+    assert (told[-1].updates, told[-1].total_updates, told[-1].remaining_s) == (4, 4, 0.0)
+    assert result.steps == 64
+    lessons = torch.load(tmp_path / "run" / "planner" / "checkpoint.pt", weights_only=True)
+
+    def distance(policy: Any) -> float:
+        state = policy.state_dict()
+        pairs = [(state[f"network.{name}"], one) for name, one in lessons["network"].items()]
+        return sum(float((a - b).square().sum()) for a, b in pairs) ** 0.5
+
+    trained = distance(load_agent(tmp_path / "run").policy)
+    assert 0 < trained < 0.1 * distance(made(config))
+
+
+def test_the_planner_alone_teaches_an_agent(tmp_path: Path) -> None:
+    result = train(taught(Phase.PLANNER), tmp_path / "run", pictures=False)
+    assert (result.steps, result.steps_per_s) == (0, 0.0)
+    assert result.before == result.after
+    policy = lasergym.Policy.load(tmp_path / "run" / "planner" / "policy.safetensors")
+    target = lasergym.targets.random_shape(1)
+    agent = load_agent(tmp_path / "run")
+    (by_torch,) = run_agent(agent, [TaskTarget("random-shapes", "1", target, 5)])
+    by_runner = lasergym.plan(target, "policy", policy=policy, max_pulses=5)
+    assert by_torch.reward == pytest.approx(by_runner.reward)
+
+
+def test_a_run_that_is_stopped_in_a_lesson_goes_on(tmp_path: Path) -> None:
+    def stop(_: LessonProgress) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(taught(Phase.PLANNER, Phase.PPO), tmp_path / "run", pictures=False, lessons=stop)
+    assert resume(tmp_path / "run", pictures=False).steps == 64
+
+
+def test_one_network_has_one_width() -> None:
+    with pytest.raises(ConfigError, match="they are one network"):
+        taught(Phase.PLANNER, channels=8)

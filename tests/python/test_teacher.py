@@ -107,10 +107,9 @@ pytest.importorskip("stable_baselines3")
 
 from lasergym.sb3 import CorrectionNet  # noqa: E402
 from lasergym.training.checkpoints import CheckpointError  # noqa: E402
+from lasergym.training.correction_options import CorrectionOptions, LessonProgress  # noqa: E402
 from lasergym.training.corrections import (  # noqa: E402
     CorrectionLearner,
-    CorrectionOptions,
-    Progress,
     lesson_loss,
     symmetric,
 )
@@ -163,7 +162,7 @@ def test_the_network_learns_what_a_lesson_says() -> None:
 
 
 def test_learning_goes_on_after_a_kill(tmp_path: Path) -> None:
-    reports: list[Progress] = []
+    reports: list[LessonProgress] = []
     learner = CorrectionLearner(SMALL)
     learner.learn(reports.append, tmp_path / "checkpoint.pt", every=1)
     assert sorted({report.updates for report in reports}) == [0, 2, 4]

@@ -375,8 +375,11 @@ fn a_misfire_is_made_up_for_and_a_double_fire_counts_twice_on_the_workpiece() {
     }
 }
 
-/// Says the same whatever it sees.
-struct Stubborn(Verdict);
+/// Says a verdict once and then the other one, whatever it sees.
+struct Stubborn {
+    first: Verdict,
+    then: Verdict,
+}
 
 impl Observer for Stubborn {
     fn observe(
@@ -386,22 +389,30 @@ impl Observer for Stubborn {
         aimed_px: Point,
     ) -> Result<Observation, ObserverError> {
         let mark = lasergym_machine::Mark { center_px: aimed_px, radius_px: 9.0, confidence: 0.4 };
-        let marks = if self.0 == Verdict::Nothing { Vec::new() } else { vec![mark] };
-        Ok(Observation { verdict: self.0, marks, shift_px: Point::default() })
+        let verdict = std::mem::replace(&mut self.first, self.then);
+        let marks = if verdict == Verdict::Nothing { Vec::new() } else { vec![mark] };
+        Ok(Observation { verdict, marks, shift_px: Point::default() })
     }
 }
 
 fn run_stubborn(verdict: Verdict, change: fn(&mut JobOptions)) -> JobReport {
+    run_seen_by(Stubborn { first: verdict, then: verdict }, greedy(), change)
+}
+
+fn run_seen_by(
+    observer: Stubborn,
+    decider: Box<dyn Decider>,
+    change: fn(&mut JobOptions),
+) -> JobReport {
     let world = SharedWorld::new(1, 0.0);
     let process = world.start_process();
-    let observer: ObserverMaker =
-        Box::new(move |_| Ok(Box::new(Stubborn(verdict)) as Box<dyn Observer>));
+    let observer: ObserverMaker = Box::new(move |_| Ok(Box::new(observer) as Box<dyn Observer>));
     let mut options = options(&process);
     change(&mut options);
     let storage = Box::new(Disk::new(&world));
     let (drivers, description) = (process.drivers(), JobDescription::default());
     let machine =
-        MachineJob::begin(storage, &job(), greedy(), drivers, observer, description, options);
+        MachineJob::begin(storage, &job(), decider, drivers, observer, description, options);
     machine.unwrap().run(&mut |_| ControlFlow::Continue(())).unwrap()
 }
 
@@ -412,6 +423,15 @@ fn pulse_after_pulse_that_leaves_nothing_means_a_dead_laser() {
     assert_eq!(report.faults.last().unwrap().fault, FaultKind::LaserDead);
     assert!(report.given_up_px > 200, "after three in vain the fourth went elsewhere");
     assert_eq!(report.machined_fraction.to_bits(), 0.0_f64.to_bits());
+}
+
+#[test]
+fn pulses_on_machined_ground_say_nothing_about_the_laser() {
+    let again = FixedPlan::new(vec![Point::new(50.0, 50.0); 7]).unwrap();
+    let observer = Stubborn { first: Verdict::Seen, then: Verdict::Nothing };
+    let report = run_seen_by(observer, Box::new(again), |options| options.unseen_limit = 4);
+    assert_eq!((report.commands, report.unseen), (7, 6));
+    assert!(report.faults.is_empty(), "{:?}", report.faults);
 }
 
 #[test]

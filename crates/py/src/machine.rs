@@ -44,6 +44,7 @@ pub(crate) struct DeciderSettings<'py> {
     thinking_s: f64,
     policy: Option<Bound<'py, NativePolicy>>,
     xy_px: Option<PyReadonlyArray2<'py, f64>>,
+    pointing_error_px: f64,
 }
 
 impl DeciderSettings<'_> {
@@ -59,9 +60,11 @@ impl DeciderSettings<'_> {
                 .map_err(plan_error)?,
             ),
             ("policy", Some(policy), None) => Box::new(PolicyDecider::new(policy.get().agent())),
-            ("agent-mpc", Some(policy), None) => {
-                Box::new(Foresight::new(policy.get().agent(), self.thinking()?, self.seed))
-            }
+            ("agent-mpc", Some(policy), None) => Box::new(
+                Foresight::new(policy.get().agent(), self.thinking()?, self.seed)
+                    .expecting(self.pointing_error_px)
+                    .map_err(plan_error)?,
+            ),
             ("fixed", None, Some(xy_px)) => {
                 Box::new(FixedPlan::new(points_of(xy_px)?).map_err(plan_error)?)
             }

@@ -37,6 +37,7 @@ pub(crate) struct PlanSettings<'py> {
     restarts: i64,
     start: Option<PyReadonlyArray2<'py, f64>>,
     policy: Option<Bound<'py, NativePolicy>>,
+    pointing_error_px: f64,
 }
 
 impl PlanSettings<'_> {
@@ -53,7 +54,7 @@ impl PlanSettings<'_> {
                 agent: self.agent()?,
                 thinking: self.thinking()?,
                 seed: self.seed,
-                pointing_error_px: 0.0,
+                pointing_error_px: self.pointing_error_px,
             }),
             other => return Err(option_error("planner", other, "one of those above")),
         })

@@ -5,6 +5,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
+from lasergym.cli.options import PolicyOption
 from lasergym.cli.output import (
     note,
     print_data,
@@ -28,9 +29,7 @@ def disturb(
     planner: Annotated[
         str, typer.Option(help="Who closes the loop: greedy, anneal, policy or agent-mpc.")
     ] = "agent-mpc",
-    policy: Annotated[
-        str | None, typer.Option(help="For policy and agent-mpc: a shipped name or a file.")
-    ] = None,
+    policy: PolicyOption = None,
     positions: Annotated[
         int, typer.Option(help="Take every n-th row and column of the 25 × 25 positions.")
     ] = 1,

@@ -15,6 +15,8 @@ from lasergym.cli.options import (
     InkOption,
     InvertOption,
     MarginOption,
+    PointingErrorOption,
+    PolicyOption,
     ThresholdOption,
     option,
 )
@@ -69,14 +71,8 @@ def machine(
     planner: Annotated[
         str, option("--planner", help=f"One of {', '.join(_PLANNERS)}.", panel=_DECIDING)
     ] = "anneal",
-    policy: Annotated[
-        str | None,
-        option(
-            "--policy",
-            help="For policy and agent-mpc: star, rotated-star, random-shape, or a file.",
-            panel=_DECIDING,
-        ),
-    ] = None,
+    policy: PolicyOption = None,
+    pointing_error_um: PointingErrorOption = 0.0,
     thinking_s: Annotated[
         float,
         option(
@@ -154,7 +150,11 @@ def machine(
                 folder,
                 real or _simulated(preset, effect or [], seed),
                 deciding=Deciding(
-                    planner=cast("Any", planner), policy=policy, seed=seed, thinking_s=thinking_s
+                    planner=cast("Any", planner),
+                    policy=policy,
+                    seed=seed,
+                    thinking_s=thinking_s,
+                    pointing_error_px=pointing_error_um,
                 ),
                 options=options,
                 arm=arm,

@@ -4,9 +4,19 @@ from typing import Annotated, Any
 
 import typer
 
-__all__ = ["FitOption", "InkOption", "InvertOption", "MarginOption", "ThresholdOption", "option"]
+__all__ = [
+    "FitOption",
+    "InkOption",
+    "InvertOption",
+    "MarginOption",
+    "PointingErrorOption",
+    "PolicyOption",
+    "ThresholdOption",
+    "option",
+]
 
 _DRAWING = "Drawing"
+_LEARNED = "policy and agent-mpc"
 
 
 def option(*names: str, help: str, panel: str | None = None) -> Any:  # noqa: A002 - typer's word
@@ -26,4 +36,20 @@ InkOption = Annotated[
 InvertOption = Annotated[bool, option("--invert", help="Machine what is not ink.", panel=_DRAWING)]
 FitOption = Annotated[
     str, option("--fit", help="scale to the workpiece, or exact pixels.", panel=_DRAWING)
+]
+PolicyOption = Annotated[
+    str | None,
+    option(
+        "--policy",
+        help="star, rotated-star, random-shape, or a file. Default: random-shape.",
+        panel=_LEARNED,
+    ),
+]
+PointingErrorOption = Annotated[
+    float,
+    option(
+        "--pointing-error-um",
+        help="Standard deviation by which pulses miss, µm: agent-mpc plans on what is expected.",
+        panel=_LEARNED,
+    ),
 ]

@@ -11,6 +11,8 @@ from lasergym.cli.options import (
     InkOption,
     InvertOption,
     MarginOption,
+    PointingErrorOption,
+    PolicyOption,
     ThresholdOption,
     option,
 )
@@ -52,14 +54,8 @@ def plan(
     preview: Annotated[
         Path | None, option("--preview", help="Write a picture of the plan, .png or .svg.")
     ] = None,
-    policy: Annotated[
-        str | None,
-        option(
-            "--policy",
-            help="For policy and agent-mpc: star, rotated-star, random-shape, or a file. "
-            "Default: random-shape.",
-        ),
-    ] = None,
+    policy: PolicyOption = None,
+    pointing_error_um: PointingErrorOption = 0.0,
     seed: Annotated[int, option("--seed", help="Seed of anneal and cma-es.", panel=_SEARCH)] = 0,
     budget_s: Annotated[
         float | None,
@@ -163,6 +159,7 @@ def plan(
             threads=threads,
             restarts=restarts,
             policy=policy,
+            pointing_error_px=pointing_error_um / pixel_um,
             progress=lambda fraction, _reward: bar.show(fraction),
         )
     if not keep_order and planner not in LEARNED_PLANNERS:

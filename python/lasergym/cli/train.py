@@ -17,6 +17,7 @@ from lasergym.errors import OptionError
 from lasergym.training import TrainingConfig, preset
 
 if TYPE_CHECKING:
+    from lasergym.training.correction_options import LessonProgress
     from lasergym.training.recorder import TrainingProgress
     from lasergym.training.run import TrainingResult
 
@@ -77,11 +78,19 @@ def train(
             from lasergym.training import run  # Imports torch.
 
             if resume is None:
-                result = run.train(config, folder, pictures=pictures, progress=shows.show)
+                result = run.train(
+                    config, folder, pictures=pictures, progress=shows.show, lessons=shows.teach
+                )
             else:
-                result = run.resume(folder, steps=steps, pictures=pictures, progress=shows.show)
+                result = run.resume(
+                    folder,
+                    steps=steps,
+                    pictures=pictures,
+                    progress=shows.show,
+                    lessons=shows.teach,
+                )
     except KeyboardInterrupt:
-        saved = (folder / "checkpoints").is_dir()
+        saved = any((folder / name).is_dir() for name in ("checkpoints", "planner"))
         note(
             f"interrupted: lasergym train --resume {folder} goes on from there"
             if saved
@@ -105,11 +114,16 @@ class _Display:
 
     bar: Any = None
 
+    def teach(self, progress: "LessonProgress") -> None:
+        self._advance(
+            "updates from the planner",
+            progress.updates,
+            progress.total_updates,
+            progress.remaining_s,
+        )
+
     def show(self, progress: "TrainingProgress") -> None:
-        text = f"training: {_short(progress.steps)} of {_short(progress.total_steps)}"
-        if progress.remaining_s is not None:
-            text += f", {rounded_time(progress.remaining_s)} left"
-        self.bar.show(min(1.0, progress.steps / progress.total_steps), text)
+        self._advance("pulses", progress.steps, progress.total_steps, progress.remaining_s)
         line = progress.evaluated
         if line is not None:
             note(
@@ -117,6 +131,12 @@ class _Display:
                 f"{'target' if line.targets == 1 else 'targets'}, {line.machined_percent:.1f} % "
                 f"machined, {line.off_target_percent:.1f} % beside"
             )
+
+    def _advance(self, what: str, done: int, total: int, remaining_s: float | None) -> None:
+        text = f"training: {_short(done)} of {_short(total)} {what}"
+        if remaining_s is not None:
+            text += f", {rounded_time(remaining_s)} left"
+        self.bar.show(min(1.0, done / total), text)
 
 
 def _config(task: str, *, quick: bool) -> TrainingConfig:

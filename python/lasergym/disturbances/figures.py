@@ -15,6 +15,9 @@ __all__ = ["draw_figures"]
 _COLOURS = {"closed": "#CC79A7", "open": "#009E73", "cma-es": "#0072B2", "anneal": "#D55E00"}
 """From Okabe and Ito's palette, which colour-blind people can tell apart."""
 
+_LARGEST_LOSS = 0.02
+"""Reward lost that is drawn brightest."""
+
 _LABELS = {
     "vibration": "vibration, standard deviation / px",
     "backlash": "backlash / px",
@@ -44,20 +47,21 @@ def _draw_displaced(study: Study, folder: Path) -> Path:
     figure = figure_class(figsize=(7.2, 1.5 * len(shapes) + 0.6), layout="constrained")
     axes = figure.subplots(len(shapes), len(CONTESTANTS), squeeze=False)
     image = None
+    for axis, title in zip(axes[0], CONTESTANTS.values(), strict=True):
+        axis.set_title(title, fontsize=7)
     for row, shape in zip(axes, shapes, strict=True):
+        row[0].set_ylabel(shape, fontsize=8)
         for axis, contestant in zip(row, CONTESTANTS, strict=True):
             losses = np.full((GRID_SIDE, GRID_SIDE), np.nan)
             for one in found:
                 if (one.trial.shape, one.trial.contestant) == (shape, contestant):
                     place = divmod(int(one.trial.level), GRID_SIDE)
                     losses[place] = one.best_reward - one.score.reward
-            image = axis.imshow(losses, vmin=0, vmax=0.05, cmap="cividis", extent=(0, 100, 100, 0))
+            image = axis.imshow(
+                losses, vmin=0, vmax=_LARGEST_LOSS, cmap="cividis", extent=(0, 100, 100, 0)
+            )
             axis.set_xticks([])
             axis.set_yticks([])
-            if axis is row[0]:
-                axis.set_ylabel(shape, fontsize=8)
-            if row is axes[0]:
-                axis.set_title(CONTESTANTS[contestant], fontsize=7)
     if image is not None:
         bar = figure.colorbar(image, ax=axes, shrink=0.6)
         bar.set_label("best reward still possible − reward", fontsize=7)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lasergym.errors import OptionError
 from lasergym.options import LARGEST_SEED, integer_in
-from lasergym.planners import Plan, learned_policy, positions
+from lasergym.planners import Plan, expected_error_px, learned_policy, positions
 from lasergym.policy import Policy, PolicyName
 
 __all__ = ["DECIDERS", "DeciderName", "Deciding"]
@@ -40,6 +40,8 @@ class Deciding:
         first_iterations: Metropolis moves of the first plan, instead of its time.
         moves: Metropolis moves before each pulse, instead of their time. With both the same seed
             decides the same on every machine.
+        pointing_error_px: Standard deviation along each axis by which pulses are known to miss
+            their aim, px, in [0, 8]: ``"agent-mpc"`` plans on the gain that is expected then.
     """
 
     planner: DeciderName = "anneal"
@@ -50,6 +52,7 @@ class Deciding:
     thinking_s: float = 0.05
     first_iterations: int | None = None
     moves: int | None = None
+    pointing_error_px: float = 0.0
 
     def settings(self) -> dict[str, Any]:
         """The settings as the native job takes them."""
@@ -67,6 +70,7 @@ class Deciding:
             "thinking_s": self.thinking_s,
             "policy": None if policy is None else policy.native,
             "xy_px": self._positions(),
+            "pointing_error_px": expected_error_px(self.planner, self.pointing_error_px),
         }
 
     def written(self) -> dict[str, Any]:

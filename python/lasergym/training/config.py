@@ -24,6 +24,7 @@ from lasergym.envs.settings import Settings
 from lasergym.errors import MissingExtraError, OptionError
 from lasergym.options import LARGEST_SEED, integer_in
 from lasergym.targets import SIZE_PX
+from lasergym.training.correction_options import CorrectionOptions
 from lasergym.training.self_imitation import SelfImitationOptions
 from lasergym.training.tables import ConfigError, from_table, nearest, to_table
 
@@ -72,6 +73,7 @@ class Activation(Enum):
 class Phase(Enum):
     """A way to train; a run does its phases one after the other."""
 
+    PLANNER = "planner"
     PPO = "ppo"
     A2C = "a2c"
 
@@ -249,29 +251,39 @@ class MethodConfig:
     """How the agent learns.
 
     Attributes:
-        phases: The phases in their order; each has a table of its own name.
+        phases: The phases in their order; each has a table of its own name. ``"planner"`` comes
+            first, alone or before ``"ppo"`` or ``"a2c"``.
+        planner: Settings of the phase ``"planner"``: learning from the annealing planner.
         ppo: Settings of the phase ``"ppo"``.
         a2c: Settings of the phase ``"a2c"``.
         self_imitation: Self-imitation beside PPO or A2C; None leaves it out.
     """
 
     phases: tuple[Phase, ...] = (Phase.PPO,)
+    planner: CorrectionOptions = field(default_factory=CorrectionOptions)
     ppo: PpoConfig = field(default_factory=PpoConfig)
     a2c: A2cConfig = field(default_factory=A2cConfig)
     self_imitation: SelfImitationOptions | None = None
 
     def __post_init__(self) -> None:
-        """Checks that there is one phase of reinforcement learning."""
-        if len(self.phases) != 1:
+        """Checks the order of the phases."""
+        first, *rest = self.phases or (None,)
+        at_most = 1 if first is Phase.PLANNER else 0
+        if first is None or len(rest) > at_most or Phase.PLANNER in rest:
             raise ConfigError(
-                f"method.phases has {len(self.phases)} phases, but must be one of "
-                f"{', '.join(phase.value for phase in Phase)}"
+                f"method.phases is {[phase.value for phase in self.phases]}, but must be one of "
+                f"{', '.join(phase.value for phase in Phase)}, or planner and then another"
             )
 
     @property
     def learning(self) -> A2cConfig:
         """The settings of the phase of reinforcement learning."""
-        return self.ppo if self.phases[-1] is Phase.PPO else self.a2c
+        return self.a2c if self.phases[-1] is Phase.A2C else self.ppo
+
+    @property
+    def has_reinforcement(self) -> bool:
+        """Whether there is a phase of reinforcement learning."""
+        return self.phases[-1] is not Phase.PLANNER
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -378,6 +390,8 @@ class TrainingConfig:
                 raise ConfigError(
                     'policy.kind "spatial" counts pixels: leave out task.normalise_observations'
                 )
+        if Phase.PLANNER in self.method.phases:
+            self._check_lessons()
         if self.method.phases[-1] is Phase.PPO:
             ppo = self.method.ppo
             samples = ppo.steps_per_environment * self.task.environments
@@ -386,6 +400,20 @@ class TrainingConfig:
                     f"method.ppo.batch_size is {ppo.batch_size}, but must divide "
                     f"steps_per_environment × environments = {samples}"
                 )
+
+    def _check_lessons(self) -> None:
+        """Checks that the planner can teach the policy."""
+        if self.policy.kind is not PolicyKind.SPATIAL:
+            raise ConfigError(
+                'the phase "planner" of method.phases teaches policy.kind "spatial", but it is '
+                f'"{self.policy.kind.value}"'
+            )
+        channels = self.policy.arguments.get("channels", self.method.planner.channels)
+        if channels != self.method.planner.channels:
+            raise ConfigError(
+                f"policy.arguments.channels is {channels}, but method.planner.channels is "
+                f"{self.method.planner.channels}: they are one network"
+            )
 
     @classmethod
     def load(cls, path: str | Path) -> TrainingConfig:

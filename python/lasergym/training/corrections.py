@@ -5,7 +5,6 @@ from __future__ import annotations
 import pickle
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,97 +15,19 @@ from safetensors.torch import load_file
 from torch import Tensor
 from torch.nn import functional
 
-from lasergym.errors import OptionError
 from lasergym.sb3.spatial_network import CorrectionNet
 from lasergym.training.checkpoints import CheckpointError
+from lasergym.training.correction_options import CorrectionOptions, LessonProgress
 from lasergym.training.spatial_decision import CORRECTION_REACH_PX, VIEW_CHANNELS, VIEW_SIZE
 from lasergym.training.tables import to_table
-from lasergym.training.teacher import (
-    FIRST_VALIDATION_SEED,
-    LEAST_CANDIDATES,
-    Lesson,
-    Teacher,
-    TeacherTask,
-)
+from lasergym.training.teacher import FIRST_VALIDATION_SEED, Lesson, Teacher
 
-__all__ = ["CorrectionLearner", "CorrectionOptions", "Progress", "lesson_loss", "symmetric"]
+__all__ = ["CorrectionLearner", "lesson_loss", "symmetric"]
 
 _LEAST_BATCHES = 16
 """Batches that the samples must fill before the network learns from them."""
 
 _LEARNT = ("views", "offsets", "scores_px", "values_px")
-
-
-@dataclass(frozen=True)
-class CorrectionOptions:
-    """Settings of a training; together with the seed they determine it.
-
-    Attributes:
-        tasks: Targets to learn from, in turn.
-        updates: Updates of the network, at least 1.
-        updates_per_lesson: Updates between two pulses of all jobs, at least 1.
-        jobs: Jobs of each task that go on side by side, at least 1.
-        candidates: Candidates judged for each pulse, at least 8.
-        moves: Metropolis moves for each candidate.
-        batch_size: Samples of an update, each a view with all its candidates.
-        capacity: Samples that are kept to learn from; 30 kB each.
-        learning_rate: At the beginning; it falls to 1 % along a cosine.
-        channels: Width of the network.
-        seed: Seed of network, jobs and batches.
-    """
-
-    tasks: tuple[TeacherTask, ...] = (TeacherTask.RANDOM_SHAPE,)
-    updates: int = 6000
-    updates_per_lesson: int = 14
-    jobs: int = 256
-    candidates: int = 14
-    moves: int = 3000
-    batch_size: int = 128
-    capacity: int = 60_000
-    learning_rate: float = 2e-3
-    channels: int = 32
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Checks the ranges.
-
-        Raises:
-            OptionError: A figure is outside its range.
-        """
-        least = {"candidates": LEAST_CANDIDATES, "seed": 0}
-        for name, value in asdict(self).items():
-            if name != "tasks" and value < least.get(name, 1) and name != "learning_rate":
-                raise OptionError(f"{name} is {value}, but must be at least {least.get(name, 1)}")
-        if not self.tasks:
-            raise OptionError("tasks is empty: name at least one")
-        if not 0 < self.learning_rate < 1:
-            raise OptionError(f"learning_rate is {self.learning_rate}, but must be in (0, 1)")
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a training has come.
-
-    Attributes:
-        updates: Updates done.
-        samples: Samples made so far, each a pulse of a job with its candidates.
-        loss: Running mean of the loss, px.
-        regret_px: What the policy's choices gave away against the best candidate, px, on average
-            over the last lesson.
-        heuristic_regret_px: The same of the places of best ring score.
-        returns: Gain over area of the jobs that have ended since the last report.
-        teaching_s: Time spent on lessons so far, s.
-        elapsed_s: Time so far, s.
-    """
-
-    updates: int
-    samples: int
-    loss: float
-    regret_px: float
-    heuristic_regret_px: float
-    returns: tuple[float, ...]
-    teaching_s: float
-    elapsed_s: float
 
 
 def symmetric(views: Tensor, offsets: Tensor, symmetry: int) -> tuple[Tensor, Tensor]:
@@ -227,7 +148,10 @@ class CorrectionLearner:
         return self._elapsed_s
 
     def learn(
-        self, report: Callable[[Progress], None], checkpoint: Path | None = None, every: int = 20
+        self,
+        report: Callable[[LessonProgress], None],
+        checkpoint: Path | None = None,
+        every: int = 20,
     ) -> None:
         """Trains to the end.
 
@@ -257,8 +181,9 @@ class CorrectionLearner:
                     self.save(checkpoint)
                 best_px = lesson.values_px.max(1)
                 report(
-                    Progress(
+                    LessonProgress(
                         self.updates,
+                        self.options.updates,
                         self.samples,
                         float("nan") if self._loss is None else self._loss,
                         float((best_px - lesson.values_px[:, 1]).mean()),
@@ -266,6 +191,7 @@ class CorrectionLearner:
                         tuple(returns),
                         self._teaching_s,
                         self._elapsed_s,
+                        self._remaining_s(),
                     )
                 )
                 returns = []
@@ -327,6 +253,11 @@ class CorrectionLearner:
             self.network.load_exported(load_file(policy))
         except (OSError, SafetensorError, KeyError, RuntimeError) as error:
             raise CheckpointError(f"{policy} cannot be learned from: {error}") from error
+
+    def _remaining_s(self) -> float | None:
+        if self.updates == 0:
+            return None
+        return self._elapsed_s / self.updates * (self.options.updates - self.updates)
 
     def _begin_jobs(self) -> list[Teacher]:
         options = self.options

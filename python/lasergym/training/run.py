@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -38,19 +38,25 @@ from lasergym.training.checkpoints import (
     write_whole,
 )
 from lasergym.training.config import ConfigError, Phase, PpoConfig, TrainingConfig
+from lasergym.training.correction_options import LessonProgress
 from lasergym.training.curves import draw_curve
 from lasergym.training.environments import make_environments, normalised
 from lasergym.training.evaluation import judge_rows
 from lasergym.training.held_out import held_out_targets
 from lasergym.training.history import Evaluated, Log, Updated
+from lasergym.training.lessons import learn_from_planner
 from lasergym.training.policies import policy_arguments, policy_class
 from lasergym.training.recorder import Recorder, TrainingProgress
+from lasergym.training.spatial_decision import POLISH_PX
 
 __all__ = ["TrainingResult", "make_model", "resume", "train"]
 
 _PLANNERS_FILE = "planners.json"
 
+_LESSONS_FOLDER = "planner"
+
 ProgressCallback = Callable[[TrainingProgress], None]
+LessonCallback = Callable[[LessonProgress], None]
 
 
 @dataclass(frozen=True)
@@ -114,6 +120,7 @@ def train(
     *,
     pictures: bool = True,
     progress: ProgressCallback | None = None,
+    lessons: LessonCallback | None = None,
 ) -> TrainingResult:
     """Trains an agent.
 
@@ -127,6 +134,7 @@ def train(
         folder: Folder of the run; new or empty.
         pictures: Whether to draw the training curve, for which Matplotlib is needed.
         progress: Told how far it is, and each evaluation.
+        lessons: Told how far the phase ``"planner"`` is, whose files lie in the folder ``planner``.
 
     Raises:
         ConfigError: The folder holds something, or the configuration names what there is not.
@@ -142,10 +150,7 @@ def train(
         raise ConfigError(f"policy.initial_policy: there is no {config.policy.initial_policy}")
     folder.mkdir(parents=True, exist_ok=True)
     _write_json(folder / CONFIG_FILE, config.as_table())
-    run = _Run(config, folder, None, progress)
-    run.recorder.evaluate()
-    run.recorder.save()
-    return run.finish(pictures)
+    return _begin(config, folder, pictures, progress, lessons)
 
 
 def resume(
@@ -154,6 +159,7 @@ def resume(
     steps: int | None = None,
     pictures: bool = True,
     progress: ProgressCallback | None = None,
+    lessons: LessonCallback | None = None,
 ) -> TrainingResult:
     """Goes on with a run from its last checkpoint; environments begin new episodes.
 
@@ -162,6 +168,7 @@ def resume(
         steps: Pulses of the whole run; None keeps those of its configuration.
         pictures: Whether to draw the training curve.
         progress: Told how far it is, and each evaluation.
+        lessons: Told how far the phase ``"planner"`` is.
 
     Raises:
         CheckpointError: There is no checkpoint, or it is damaged.
@@ -173,9 +180,37 @@ def resume(
         raise CheckpointError(f"{folder} holds no run: {CONFIG_FILE} is missing")
     config = TrainingConfig.from_json(folder / CONFIG_FILE).with_run(steps=steps)
     _check_extras(config, pictures)
+    if (folder / _LESSONS_FOLDER).exists() and not (folder / "checkpoints").exists():
+        _write_json(folder / CONFIG_FILE, config.as_table())
+        return _begin(config, folder, pictures, progress, lessons)
     checkpoint = latest_checkpoint(folder)
     run = _Run(config, folder, checkpoint, progress)
     _write_json(folder / CONFIG_FILE, config.as_table())
+    return run.finish(pictures)
+
+
+def _begin(
+    config: TrainingConfig,
+    folder: Path,
+    pictures: bool,
+    progress: ProgressCallback | None,
+    lessons: LessonCallback | None,
+) -> TrainingResult:
+    """Learns from the planner where the configuration says so, and then from reward."""
+    if Phase.PLANNER in config.method.phases:
+        torch.set_num_threads(config.run.torch_threads)
+        policy = config.policy
+        path = learn_from_planner(
+            config.method.planner,
+            folder / _LESSONS_FOLDER,
+            lessons or (lambda _: None),
+            begin_with=None if policy.initial_policy is None else Path(policy.initial_policy),
+            polish_px=float(policy.arguments.get("polish_px", POLISH_PX)),
+        )
+        config = replace(config, policy=replace(policy, initial_policy=str(path)))
+    run = _Run(config, folder, None, progress)
+    run.recorder.evaluate()
+    run.recorder.save()
     return run.finish(pictures)
 
 
@@ -258,7 +293,7 @@ class _Run:
         planners = _judge_planners(self.config, self.folder)
         recorder = self.recorder
         missing = self.config.run.steps - recorder.state.steps
-        if missing > 0:
+        if self.config.method.has_reinforcement and missing > 0:
             try:
                 self.model.learn(
                     missing, callback=self._callback, log_interval=1, reset_num_timesteps=False

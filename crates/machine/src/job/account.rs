@@ -12,6 +12,10 @@ use crate::journal::{
     JournalVerdict, MarkRecord, ObservedRecord, Record,
 };
 
+/// Part of a mark that must be new for its absence to tell of the laser: vision does not overlook
+/// so much, even where the pulse lands a little beside its aim.
+const SHOWING_PART: f64 = 0.25;
+
 /// A command whose outcome is not known yet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pending {
@@ -225,7 +229,9 @@ impl Account {
             }
             JournalVerdict::Nothing if fired => {
                 self.unseen += 1;
-                self.unseen_in_a_row += 1;
+                if self.would_show(aimed) {
+                    self.unseen_in_a_row += 1;
+                }
                 gave_up = self.try_in_vain(aimed, tries_per_place);
             }
             JournalVerdict::Nothing => {
@@ -253,6 +259,14 @@ impl Account {
             off_target_fraction,
             reward,
         })
+    }
+
+    /// Whether a pulse at `aimed` would newly machine so much that its mark can hardly be overlooked.
+    fn would_show(&self, aimed: Point) -> bool {
+        let footprint = self.state.job().footprint(aimed);
+        let outcome = self.state.workpiece().preview(&footprint);
+        let new_px = f64::from(outcome.hit_px + outcome.miss_px);
+        new_px >= SHOWING_PART * f64::from(footprint.area_px())
     }
 
     /// Counts a command at `aimed` of which no mark was seen for certain; gives up what is there

@@ -60,8 +60,9 @@ pub struct JobOptions {
     /// Commands after which the job ends, whatever they have left; `None` for
     /// 2 × the pulses of the job + 10. At least 1.
     pub max_commands: Option<usize>,
-    /// Pulses in a row that left nothing before the laser counts as dead, at least 1. Default 6: with
-    /// one misfire in ten that happens once in a million.
+    /// Pulses in a row that left nothing before the laser counts as dead, at least 1; those
+    /// that would have left little new, on ground that is machined already, do not count. Default 6: with one
+    /// misfire in ten that happens once in a million.
     pub unseen_limit: u32,
     /// Commands at one place (within half a pulse radius) of which no mark was seen for certain
     /// before the target there is given up, at least 1. Default 3.

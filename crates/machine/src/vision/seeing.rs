@@ -11,7 +11,7 @@ use super::registration::{Reference, Registered};
 use crate::{CameraCalibration, Frame, Mark, Observation, Observer, ObserverError, Verdict};
 
 /// Marks of this confidence are seen.
-const SEEN_FROM: f32 = 0.58;
+const SEEN_FROM: f32 = 0.61;
 
 /// Marks of this confidence may be there.
 const UNCERTAIN_FROM: f32 = 0.25;
