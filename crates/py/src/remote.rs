@@ -258,6 +258,7 @@ pub(crate) fn remote_error(error: RemoteError) -> PyErr {
         RemoteError::InvalidOption { .. } => "OptionError",
         RemoteError::TooLarge { .. }
         | RemoteError::TooSlow { .. }
+        | RemoteError::NoLine { .. }
         | RemoteError::OffClock { .. } => "InfeasibleTaskError",
         RemoteError::Action { .. } => "ActionError",
         RemoteError::EpisodeOver { .. } => "EpisodeOverError",

@@ -83,6 +83,15 @@ pub enum RemoteError {
         /// Exposures that would do.
         exposures: u32,
     },
+    /// A subtask for which no line is found.
+    #[error(
+        "no line is found for {subtask}, which is at the limit of what is possible: lower \
+         min_speed_mm_s or its exposures"
+    )]
+    NoLine {
+        /// The subtask.
+        subtask: String,
+    },
     /// A path whose corners the scanner's clock cannot meet at constant speed.
     #[error(
         "a stretch of {length_mm:.3} mm of {subtask} takes {cycles:.1} scanner cycles at {speed_mm_s} mm/s, \

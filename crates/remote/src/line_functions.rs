@@ -277,6 +277,10 @@ impl LineFunctions {
     /// The best offset to the last digits. Where several are equally good, the middle of them.
     #[must_use]
     pub fn best_offset_mm(&self, speeds: SpeedRange) -> Option<f64> {
+        if let [only] = self.circles[..] {
+            // Through the centre there is most room.
+            return self.merit(only.x_mm, speeds).is_feasible().then_some(only.x_mm);
+        }
         let (offset_mm, merit) = self.search(speeds, FINE)?;
         if !merit.is_feasible() {
             return None;

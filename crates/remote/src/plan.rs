@@ -1,5 +1,7 @@
 //! The plan of a task: the order of its subtasks, the lines, and the sections on them.
 
+use std::ops::Range;
+
 use lasergym_geom::Point;
 use lasergym_toolpath::{shortest_order, tour_length};
 
@@ -55,7 +57,7 @@ pub struct PlannedLine {
 impl PlannedLine {
     /// Indices of its stops in the plan.
     #[must_use]
-    pub fn stops(&self) -> std::ops::Range<usize> {
+    pub fn stops(&self) -> Range<usize> {
         self.first_stop..self.first_stop + self.begin_cycles.len()
     }
 }
@@ -78,7 +80,8 @@ impl RemotePlan {
     /// Plans `task`.
     ///
     /// # Errors
-    /// As [`stops_of`].
+    /// As [`stops_of`]; [`RemoteError::NoLine`] where rounding leaves no line for a subtask at the very
+    /// limit of what is possible.
     pub fn new(task: &RemoteTask, options: &PlanOptions) -> Result<Self, RemoteError> {
         let mut stops = stops_of(task)?;
         if !options.keep_order {
@@ -89,6 +92,16 @@ impl RemotePlan {
             stops.iter().map(|stop| task.subtasks[stop.subtask].plane).collect();
         let router = Router::new(task);
         let shares = shares(&circles, &planes, &router, options);
+        let mut processed = 0;
+        for share in &shares {
+            if share.stops.start != processed {
+                break;
+            }
+            processed = share.stops.end;
+        }
+        if let Some(stop) = stops.get(processed) {
+            return Err(RemoteError::NoLine { subtask: stop.name.clone() });
+        }
         let tour_mm = tour_mm(&circles, &planes);
         let lines = planned(task, &stops, &router, shares);
         let cycle_time_s = lines.iter().map(|line| line.approach_s + line.routed.time_s).sum();
@@ -120,19 +133,17 @@ fn shares(
         let mut first = 0;
         let mut shares = Vec::with_capacity(ends.len());
         for end in ends {
+            let mut add = |stops: Range<usize>| {
+                let found = line(&circles[stops.clone()]);
+                let routed = found.map(|found| router.route(found, planes[first]));
+                shares.extend(routed.map(|line| Share { line, stops: stops.clone() }));
+                shares.last().is_some_and(|share| share.stops.end == stops.end)
+            };
             // Where a share has no line, each of its stops has one of its own.
-            let whole = line(&circles[first..end]);
-            let parts = if whole.is_some() { 1 } else { end - first };
-            let count = (end - first) / parts;
-            for part in 0..parts {
-                let stops = first + part * count..first + (part + 1) * count;
-                let found = if part == 0 && parts == 1 {
-                    whole.clone()
-                } else {
-                    line(&circles[stops.clone()])
-                };
-                let Some(found) = found else { continue };
-                shares.push(Share { line: router.route(found, planes[first]), stops });
+            if !add(first..end) {
+                for stop in first..end {
+                    add(stop..stop + 1);
+                }
             }
             first = end;
         }

@@ -1,5 +1,7 @@
 //! The degenerate cases that a planner must have an answer for.
 
+#![allow(clippy::unwrap_used, reason = "a helper that fails fails its test")]
+
 use std::f64::consts::FRAC_PI_2;
 
 use lasergym_geom::Point;
@@ -93,6 +95,19 @@ fn a_single_subtask_goes_through_its_centre() {
     let widest = f64::sqrt(90.0 * 90.0 - 40.0 * 40.0);
     assert!(functions.end_mm(widest - 1e-6, 200.0).is_some());
     assert!(functions.end_mm(widest + 1e-6, 200.0).is_none());
+}
+
+#[test]
+fn a_subtask_at_the_limit_of_the_slowest_robot_is_planned() {
+    let mut task = RemoteTask::new(vec![hole(0.0, 0.0, 149.0, 30), hole(300.0, 0.0, 60.0, 7)]);
+    let stops = lasergym_remote::stops_of(&task).unwrap();
+    let tightest = stops[0].scan_circle;
+    task.robot.min_speed_mm_s = 2.0 * tightest.radius_mm / tightest.time_s;
+    task.robot.min_speed_mm_s *= 1.0 - 1e-12;
+    good_plan(&task);
+    task.robot.min_speed_mm_s *= 1.0 + 1e-9;
+    let error = RemotePlan::new(&task, &PlanOptions::default()).unwrap_err();
+    assert!(matches!(error, RemoteError::TooSlow { .. }), "{error}");
 }
 
 #[test]

@@ -2,6 +2,8 @@
 //!
 //! The positions are assumed; the figures follow from them in closed form.
 
+#![allow(clippy::unwrap_used, reason = "a helper that fails fails its test")]
+
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use lasergym_geom::Point;

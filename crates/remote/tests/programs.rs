@@ -3,6 +3,8 @@
 //!
 //! `LASERGYM_UPDATE_GOLDEN=1 cargo test -p lasergym-remote --test programs` writes them anew.
 
+#![allow(clippy::unwrap_used, reason = "a helper that fails fails its test")]
+
 use std::path::PathBuf;
 
 use lasergym_geom::Point;
