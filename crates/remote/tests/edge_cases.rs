@@ -100,9 +100,9 @@ fn a_single_subtask_goes_through_its_centre() {
 #[test]
 fn a_subtask_at_the_limit_of_the_slowest_robot_is_planned() {
     let mut task = RemoteTask::new(vec![hole(0.0, 0.0, 149.0, 30), hole(300.0, 0.0, 60.0, 7)]);
-    let stops = lasergym_remote::stops_of(&task).unwrap();
-    let tightest = stops[0].scan_circle;
-    task.robot.min_speed_mm_s = 2.0 * tightest.radius_mm / tightest.time_s;
+    let error = lasergym_remote::stops_of(&task).unwrap_err();
+    let RemoteError::TooSlow { needed_mm_s, .. } = error else { panic!("{error}") };
+    task.robot.min_speed_mm_s = needed_mm_s;
     task.robot.min_speed_mm_s *= 1.0 - 1e-12;
     good_plan(&task);
     task.robot.min_speed_mm_s *= 1.0 + 1e-9;
