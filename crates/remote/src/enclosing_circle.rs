@@ -29,10 +29,10 @@ impl Circle {
     /// outside.
     #[must_use]
     pub fn enclosing(path: &BeamPath) -> Self {
-        if let [PathPiece::Arc { center, radius_mm, sweep_rad, .. }] = *path.pieces() {
-            if sweep_rad.abs() >= std::f64::consts::TAU - 1e-9 {
-                return Self { center, radius_mm };
-            }
+        if let [PathPiece::Arc { center, radius_mm, sweep_rad, .. }] = *path.pieces()
+            && sweep_rad.abs() >= std::f64::consts::TAU - 1e-9
+        {
+            return Self { center, radius_mm };
         }
         let mut points = vec![path.start()];
         for piece in path.pieces() {

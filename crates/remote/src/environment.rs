@@ -258,12 +258,12 @@ impl ScanEnvironment {
 
     fn process(&mut self, action: ScanAction) {
         self.done[action.subtask] = true;
-        if action.direction == 0 {
-            if let Some(line) = self.extended(action.subtask) {
-                self.current.push(action.subtask);
-                self.current_line = Some(line);
-                return;
-            }
+        if action.direction == 0
+            && let Some(line) = self.extended(action.subtask)
+        {
+            self.current.push(action.subtask);
+            self.current_line = Some(line);
+            return;
         }
         self.finished_s = self.total_s(self.current_line.as_ref());
         self.finished.extend(self.current_line.take());

@@ -1,16 +1,16 @@
 //! End, Start and Length Function of a robot line in a given direction.
 //!
 //! In the rotated frame the robot moves along +y at the offset x. Stop `i` has the scan circle
-//! (x_i, y_i, R_i) with lower half lSC_i(x) and upper half uSC_i(x); its process begins b_i after that
-//! of the first and ends e_i after it, where all follow each other at once (with the scanner's jump
-//! between them). With v the speed of the robot and E the last e_i,
+//! `(x_i, y_i, R_i)` with lower half `lSC_i(x)` and upper half `uSC_i(x)`; its process begins `b_i`
+//! after that of the first and ends `e_i` after it, where all follow each other at once (with the
+//! scanner's jump between them). With `v` the speed of the robot and `E` the last `e_i`,
 //!
-//! - A(x) = max_i (lSC_i − v b_i) is where the line begins at the latest of the earliest starts,
-//!   EF(x) = A + v E: eqs. (3)–(5) with Arch_i = max(Arch_{i−1}, lSC_i) + l_i;
-//! - SF(x) = min(A, B) with B(x) = min_i (uSC_i − v e_i);
-//! - LF(x) = EF − SF = v E + max(0, A − B): eq. (6).
+//! - `A(x) = max_i (lSC_i − v b_i)` is where the line begins at the latest of the earliest starts,
+//!   `EF(x) = A + v E`: eqs. (3)–(5) with `Arch_i = max(Arch_{i−1}, lSC_i) + l_i`;
+//! - `SF(x) = min(A, B)` with `B(x) = min_i (uSC_i − v e_i)`;
+//! - `LF(x) = EF − SF = v E + max(0, A − B)`: eq. (6).
 //!
-//! Stops can be processed in order when lSC_i − v b_i ≤ uSC_k − v e_k for all i ≤ k. All that is
+//! Stops can be processed in order when `lSC_i − v b_i ≤ uSC_k − v e_k` for all `i ≤ k`. All that is
 //! convex in x, so that golden-section search finds the best offset.
 
 use lasergym_geom::Point;
@@ -366,7 +366,7 @@ mod tests {
         let mut arch = f64::NEG_INFINITY;
         for (stop, half) in stops.iter().zip(&halves) {
             arch = (arch + jump).max(stop.center.y - half) + speed * stop.time_s;
-            if !(arch <= stop.center.y + half + TOLERANCE_MM) {
+            if arch > stop.center.y + half + TOLERANCE_MM {
                 return None;
             }
         }

@@ -185,10 +185,9 @@ fn ordered(task: &RemoteTask, stops: Vec<Stop>) -> Result<Vec<Stop>, RemoteError
         let mut order = shortest_order(&centers, None)?;
         let end = |index: Option<&usize>| index.map(|&k| plane.to_space(centers[k]));
         if let (Some(here), Some(first), Some(last)) = (here, end(order.first()), end(order.last()))
+            && distance_mm(here, last) < distance_mm(here, first)
         {
-            if distance_mm(here, last) < distance_mm(here, first) {
-                order.reverse();
-            }
+            order.reverse();
         }
         here = end(order.last()).or(here);
         let mut stops: Vec<Option<Stop>> = stops.into_iter().map(Some).collect();

@@ -1,7 +1,7 @@
 //! The program of the scanner: for each line a list of timed vectors in the scanner's own frame.
 //!
-//! On a line the robot is at p(t) = start + v û t; the beam is at p_scan(t) = Rᵀ (p_work(t) − p(t)) in
-//! the working field. Vectors end on cycles of the scanner and leave the exact path by no more than
+//! On a line the robot is at `p(t) = start + v û t`; the beam is at `Rᵀ (p_work(t) − p(t))` in the
+//! working field. Vectors end on cycles of the scanner and leave the exact path by no more than
 //! [`CHORD_MM`].
 
 use std::fmt::Write as _;
