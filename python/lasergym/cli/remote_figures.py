@@ -37,7 +37,8 @@ def draw_figures(folder: Path, plan: RemotePlan, simulation: Simulation) -> tupl
     used = sorted({stop.plane for stop in plan.stops})
     lists = min(len(plan.lines), _MOST_LISTS)
     figure = Figure(figsize=(11, 5.5 * len(used) + 3.2), layout="constrained")
-    rows = figure.subfigures(len(used) + 1, 1, height_ratios=[5.5] * len(used) + [3.2])
+    heights = [5.5] * len(used) + [3.2]
+    rows: Any = figure.subfigures(len(used) + 1, 1, height_ratios=heights)
     for part, plane in zip(rows, used, strict=False):
         _draw_plane(part.subplots(), plan, plane)
     fields = rows[-1].subplots(1, lists, squeeze=False)[0]

@@ -77,7 +77,8 @@ def _from_above(points: NDArray[np.float64], plane: Plane) -> list[list[float]]:
             [np.sin(a) * np.cos(b), np.sin(a) * np.sin(b) * np.sin(c) + np.cos(a) * np.cos(c)],
         ]
     )
-    return _rounded(points @ turn.T + np.array(plane.origin_mm[:2]), 2)
+    seen: list[list[float]] = _rounded(points @ turn.T + np.array(plane.origin_mm[:2]), 2)
+    return seen
 
 
 def _rounded(values: NDArray[np.float64], digits: int) -> Any:
