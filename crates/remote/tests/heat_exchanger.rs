@@ -20,7 +20,7 @@ const SPEEDS: SpeedRange = SpeedRange { slowest_mm_s: 1.0, fastest_mm_s: 200.0 }
 /// Four digits.
 fn assert_digits(found: f64, expected: &str) {
     let decimals = expected.split_once('.').map_or(0, |(_, digits)| digits.len());
-    let slack = 0.5 * 10.0_f64.powi(-(decimals as i32));
+    let slack = 0.5 * 0.1_f64.powf(decimals as f64);
     let value: f64 = expected.parse().unwrap();
     assert!((found - value).abs() <= slack * (1.0 + 1e-9), "{found} is not {expected}");
 }

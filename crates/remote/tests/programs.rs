@@ -50,7 +50,7 @@ fn small_task() -> RemoteTask {
         process,
     };
     let mut task = RemoteTask::new(subtasks.into_iter().map(subtask).collect());
-    task.name = "small task".to_owned();
+    "small task".clone_into(&mut task.name);
     task.planes[0].origin_mm = [1000.0, -200.0, 500.0];
     task
 }
