@@ -11,6 +11,8 @@ __all__ = [
     "Batch",
     "CmaEs",
     "Environment",
+    "MillingBatch",
+    "MillingEnvironment",
     "MillingJob",
     "Policy",
     "RemoteBatch",
@@ -28,6 +30,7 @@ __all__ = [
     "gif",
     "load_drawing",
     "plan",
+    "random_relief",
     "random_shape",
     "random_shape_areas",
     "read_csv",
@@ -154,6 +157,66 @@ class CmaEs:
     def mean(self) -> NDArray[np.float64]: ...
     def termination(self) -> tuple[str, str] | None: ...
 
+@final
+class MillingBatch:
+    def __new__(
+        cls,
+        settings: dict[str, Any],
+        num_envs: int,
+        autoreset_mode: str,
+        max_episode_steps: int | None,
+        threads: int,
+    ) -> MillingBatch: ...
+    def reset(
+        self,
+        seeds: Sequence[int | None],
+        mask: Sequence[bool] | None,
+        observations: NDArray[np.uint8],
+    ) -> None: ...
+    def reset_to(
+        self, index: int, target: NDArray[np.float64], observations: NDArray[np.uint8]
+    ) -> None: ...
+    def step(
+        self,
+        actions: NDArray[np.float32],
+        observations: NDArray[np.uint8],
+        final_observations: NDArray[np.uint8] | None = None,
+    ) -> None: ...
+    def rewards(self) -> NDArray[np.float64]: ...
+    def terminated(self) -> NDArray[np.bool_]: ...
+    def truncated(self) -> NDArray[np.bool_]: ...
+    def progress(
+        self,
+    ) -> tuple[
+        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]
+    ]: ...
+    def final_progress(
+        self,
+    ) -> tuple[
+        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]
+    ]: ...
+    def finished(
+        self,
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]]: ...
+    def surfaces(self, index: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def full_scale_um(self) -> float: ...
+
+@final
+class MillingEnvironment:
+    def __new__(cls, settings: dict[str, Any]) -> MillingEnvironment: ...
+    def reset(self, seed: int | None = None) -> None: ...
+    def reset_to(self, target: NDArray[np.float64]) -> None: ...
+    def step(self, x: float, y: float, dwell: float) -> tuple[float, bool, float, float, float]: ...
+    def observation(self) -> NDArray[np.uint8]: ...
+    def progress(self) -> tuple[float, float, float, int]: ...
+    def is_success(self) -> bool: ...
+    def surfaces(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def scales(self) -> tuple[float, float, float]: ...
+    def plan(
+        self, planner: str, progress: Callable[[float], bool | None] | None
+    ) -> tuple[NDArray[np.float32], tuple[float, float, float, int], float, bool]: ...
+    def copy(self) -> MillingEnvironment: ...
+
 _RemoteStop: TypeAlias = tuple[int, str, int, float, float, float, float, float]
 _RemoteLine: TypeAlias = tuple[
     int,
@@ -250,17 +313,19 @@ _Controls: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[n
 @final
 class MillingJob:
     def __new__(
-        cls, depth_um: NDArray[np.float64], pixel_um: float, profile: str, layers: int | None
+        cls,
+        depth_um: NDArray[np.float64],
+        pixel_um: float,
+        profile: str,
+        layers: int | None,
+        measured_um: NDArray[np.float64] | None,
     ) -> MillingJob: ...
     def layout(self) -> tuple[int, float, float, float, int]: ...
     def speeds_mm_s(self) -> tuple[float, float]: ...
     def target_um(self) -> NDArray[np.float64]: ...
     def pixel_by_pixel(self) -> _Controls: ...
     def simulate(
-        self,
-        y_um: NDArray[np.float64],
-        dwell_s_mm: NDArray[np.float64],
-        beam_on: NDArray[np.bool_],
+        self, passes: dict[str, Any]
     ) -> tuple[NDArray[np.float64], tuple[float, float, float]]: ...
     def solve(
         self,
@@ -275,17 +340,14 @@ class MillingJob:
         list[tuple[bool, float, float]],
         bool,
     ]: ...
-    def times_s(
-        self,
-        y_um: NDArray[np.float64],
-        dwell_s_mm: NDArray[np.float64],
-        beam_on: NDArray[np.bool_],
-    ) -> tuple[float, float]: ...
+    def gradient(
+        self, passes: dict[str, Any]
+    ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]: ...
+    @staticmethod
+    def times_s(passes: dict[str, Any]) -> tuple[float, float]: ...
     def programs(
         self,
-        y_um: NDArray[np.float64],
-        dwell_s_mm: NDArray[np.float64],
-        beam_on: NDArray[np.bool_],
+        passes: dict[str, Any],
         power_s: float,
         origin_mm: tuple[float, float],
     ) -> tuple[str, str]: ...
@@ -338,6 +400,7 @@ def plan(
     settings: dict[str, Any],
     progress: Callable[[float, float], bool | None] | None,
 ) -> tuple[NDArray[np.float64], float, float, float, bool]: ...
+def random_relief(seed: int, depth_um: float) -> NDArray[np.float64]: ...
 def random_shape(seed: int) -> NDArray[np.bool_]: ...
 def random_shape_areas(first_seed: int, count: int) -> NDArray[np.int64]: ...
 def read_csv(text: str, pulse_radius_px: float) -> NDArray[np.float64]: ...

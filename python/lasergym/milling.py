@@ -8,28 +8,37 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lasergym import _native
 from lasergym.errors import DepthMapError, OptionError
-from lasergym.options import integer_in
+from lasergym.options import LARGEST_SEED, integer_in
 
 __all__ = [
     "PROCESSES",
+    "SPOT_PLANNERS",
     "Calibration",
+    "ClosedLoop",
     "FittedParameter",
     "MillingResult",
     "Passes",
+    "Plant",
     "ProgressCallback",
     "Simulation",
+    "SpotPlan",
+    "SpotPlannerName",
     "calibrate",
+    "closed_loop",
     "depths",
+    "full_scale_um",
     "load_heights",
+    "plan_spots",
+    "random_relief",
     "simulate",
     "solve",
 ]
@@ -76,12 +85,24 @@ class Passes:
         """Feed speed at each point, mm/s; shape (passes, points)."""
         return 1 / self.dwell_s_mm
 
-    def _native(self) -> tuple[Any, Any, Any]:
-        return (
-            np.ascontiguousarray(self.y_um, dtype=np.float64),
-            np.ascontiguousarray(self.dwell_s_mm, dtype=np.float64),
-            np.ascontiguousarray(self.beam_on, dtype=np.bool_),
+    def __getitem__(self, passes: slice) -> Passes:
+        """Some of the passes; from an even one on they keep their directions."""
+        return replace(
+            self,
+            y_um=self.y_um[passes],
+            dwell_s_mm=self.dwell_s_mm[passes],
+            beam_on=self.beam_on[passes],
         )
+
+    def as_native(self) -> dict[str, Any]:
+        """The passes as native code takes them."""
+        return {
+            "first_x_um": self.first_x_um,
+            "spacing_um": self.spacing_um,
+            "y_um": np.ascontiguousarray(self.y_um, dtype=np.float64),
+            "dwell_s_mm": np.ascontiguousarray(self.dwell_s_mm, dtype=np.float64),
+            "beam_on": np.ascontiguousarray(self.beam_on, dtype=np.bool_),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,28 +163,51 @@ class MillingResult:
     partial: bool
     _job: _native.MillingJob
 
-    def to_csv(self) -> str:
-        """The passes as CSV with the columns ``pass,point,x_um,y_um,speed_mm_s,beam_on``."""
-        return self._programs()[0]
+    def layer(self, index: int) -> Passes:
+        """The passes of one layer, from 0.
+
+        Raises:
+            OptionError: There are not so many layers.
+        """
+        index = integer_in("layer", index, 0, self.layers - 1)
+        count = len(self.passes.y_um) // self.layers
+        return self.passes[index * count : (index + 1) * count]
+
+    def to_csv(self, *, layer: int | None = None) -> str:
+        """The passes as CSV with the columns ``pass,point,x_um,y_um,speed_mm_s,beam_on``.
+
+        Args:
+            layer: Only this layer, from 0.
+        """
+        return self._programs(layer)[0]
 
     def to_gcode(
-        self, *, power_s: float = 1000.0, origin_mm: tuple[float, float] = (0.0, 0.0)
+        self,
+        *,
+        layer: int | None = None,
+        power_s: float = 1000.0,
+        origin_mm: tuple[float, float] = (0.0, 0.0),
     ) -> str:
         """The passes as a GRBL program with a feed rate for every stretch.
 
         Args:
+            layer: Only this layer, from 0.
             power_s: Power as the spindle word S.
             origin_mm: Machine position of the lower left corner of the target, mm; machine y up.
 
         Raises:
             OptionError: An option is outside its range.
         """
-        return self._programs(power_s, origin_mm)[1]
+        return self._programs(layer, power_s, origin_mm)[1]
 
     def _programs(
-        self, power_s: float = 1000.0, origin_mm: tuple[float, float] = (0.0, 0.0)
+        self,
+        layer: int | None,
+        power_s: float = 1000.0,
+        origin_mm: tuple[float, float] = (0.0, 0.0),
     ) -> tuple[str, str]:
-        return self._job.programs(*self.passes._native(), power_s, origin_mm)
+        passes = self.passes if layer is None else self.layer(layer)
+        return self._job.programs(passes.as_native(), power_s, origin_mm)
 
     def as_dict(self) -> dict[str, Any]:
         """The figures as a JSON report holds them."""
@@ -184,6 +228,79 @@ class MillingResult:
             "iterations": len(self.convergence_percent) - 1,
             "partial": self.partial,
         }
+
+
+Plant: TypeAlias = Callable[[Passes, Surface], ArrayLike]
+"""Mills passes into a surface and measures what is left; depths, µm."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """What milling layer by layer with measurements has led to.
+
+    Attributes:
+        plans: The plan of the rest of the job before each layer; its first layer was milled.
+        surfaces_um: The surface as measured after each layer, µm.
+    """
+
+    plans: tuple[MillingResult, ...]
+    surfaces_um: tuple[Surface, ...]
+
+    @property
+    def depth_um(self) -> Surface:
+        """The surface after the last layer, µm."""
+        return self.surfaces_um[-1]
+
+
+SpotPlannerName: TypeAlias = Literal["pixel-by-pixel", "adjoint"]
+"""Planners of the milling environment."""
+
+SPOT_PLANNERS: tuple[SpotPlannerName, ...] = get_args(SpotPlannerName)
+"""All of them, the fastest first."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpotPlan:
+    """Spots in the order in which they are milled, and what they achieve.
+
+    Attributes:
+        planner: Name of the planner.
+        actions: The spots as actions of the environment, float32 of shape (spots, 3).
+        side_um: Side of the workpiece, µm.
+        longest_dwell_s: Dwell of an action of 1, s.
+        reward: Sum of the rewards: 1 − the tracking error.
+        tracking_error_percent: Tracking error after them, %.
+        machined_fraction: Volume removed above the target over the volume of the target.
+        off_target_fraction: Volume removed below the target over the volume of the target.
+        elapsed_s: Time that planning took, s.
+        partial: Whether the planner was stopped before it had finished.
+    """
+
+    planner: str
+    actions: NDArray[np.float32]
+    side_um: float
+    longest_dwell_s: float
+    reward: float
+    tracking_error_percent: float
+    machined_fraction: float
+    off_target_fraction: float
+    elapsed_s: float
+    partial: bool
+
+    @property
+    def spots(self) -> int:
+        """Number of spots."""
+        return len(self.actions)
+
+    @property
+    def xy_um(self) -> NDArray[np.float64]:
+        """Places of the spots, µm; shape (spots, 2)."""
+        return 0.5 * (1 + self.actions[:, :2].astype(np.float64)) * self.side_um
+
+    @property
+    def dwell_s(self) -> NDArray[np.float64]:
+        """Dwell of each spot, s; shape (spots,)."""
+        return 0.5 * (1 + self.actions[:, 2].astype(np.float64)) * self.longest_dwell_s
 
 
 @dataclass(frozen=True)
@@ -220,6 +337,7 @@ def solve(
     pixel_um: float,
     process: str | Path = "laser-graphite",
     layers: int | None = None,
+    measured_um: ArrayLike | None = None,
     iterations: int = 45,
     switching_rounds: int = 2,
     free_iterations: int = 30,
@@ -235,6 +353,9 @@ def solve(
         process: Name of a shipped profile (see :data:`PROCESSES`) or of a TOML file.
         layers: Number of layers, from 1 to 100; by default as few as reach the deepest pixel with a
             reserve of a quarter.
+        measured_um: The surface that the workpiece has already, depths in µm over the whole target
+            (with pixels of its own, if need be); the layers count from there on. What lies above
+            the ground counts as ground. Default: flat.
         iterations: Most iterations on the dwell of straight passes.
         switching_rounds: Rounds of switching the beam on or off where that helps.
         free_iterations: Most iterations in which passes may leave their lines; 0: straight.
@@ -254,12 +375,7 @@ def solve(
         MillingError: The profile cannot be read, or the job is too large.
     """
     started_s = time.perf_counter()
-    job = _native.MillingJob(
-        _depth_array(target_um),
-        pixel_um,
-        profile_text(process),
-        None if layers is None else integer_in("layers", layers, 1, 100),
-    )
+    job = _job(target_um, pixel_um, process, layers, measured_um)
     settings = {
         "iterations": integer_in("iterations", iterations, 1, 10_000),
         "switching_rounds": integer_in("switching_rounds", switching_rounds, 0, 100),
@@ -271,9 +387,10 @@ def solve(
         settings, progress
     )
     count, first_x_um, spacing_um, cell_um, _ = job.layout()
-    machining_time_s, exposure_s = job.times_s(*controls)
+    passes = Passes(first_x_um, spacing_um, *controls)
+    machining_time_s, exposure_s = job.times_s(passes.as_native())
     return MillingResult(
-        passes=Passes(first_x_um, spacing_um, *controls),
+        passes=passes,
         target_um=job.target_um(),
         depth_um=depth_um,
         pixel_um=cell_um,
@@ -299,25 +416,138 @@ def simulate(
     pixel_um: float,
     process: str | Path = "laser-graphite",
     layers: int | None = None,
+    measured_um: ArrayLike | None = None,
 ) -> Simulation:
-    """Mills flat ground along passes and compares it with a target.
+    """Mills along passes and compares the surface with a target.
 
     Args:
-        passes: The passes, with the first x and spacing that :func:`solve` gives them; None for the
+        passes: The passes, of this process or of a model that differs from it; None for the
             pixel-by-pixel passes of the target.
         target_um: Depth of each pixel, µm; shape (rows, columns).
         pixel_um: Side of a pixel, µm.
         process: Name of a shipped profile or of a TOML file.
         layers: Number of layers, for the pixel-by-pixel passes.
+        measured_um: The surface before the passes, as for :func:`solve`.
 
     Raises:
         MillingError: The passes leave the simulated ground, or are not usable.
         DepthMapError, EmptyTargetError, OptionError: As for :func:`solve`.
     """
-    job = _native.MillingJob(_depth_array(target_um), pixel_um, profile_text(process), layers)
-    controls = job.pixel_by_pixel() if passes is None else passes._native()
-    depth_um, errors = job.simulate(*controls)
-    return Simulation(depth_um, *errors, job.times_s(*controls)[0])
+    job = _job(target_um, pixel_um, process, layers, measured_um)
+    if passes is None:
+        _, first_x_um, spacing_um, _, _ = job.layout()
+        passes = Passes(first_x_um, spacing_um, *job.pixel_by_pixel())
+    native = passes.as_native()
+    depth_um, errors = job.simulate(native)
+    return Simulation(depth_um, *errors, job.times_s(native)[0])
+
+
+def closed_loop(
+    target_um: ArrayLike,
+    plant: Plant,
+    *,
+    layers: int,
+    measured_um: ArrayLike | None = None,
+    **settings: Any,
+) -> ClosedLoop:
+    """Mills layer by layer and plans anew from the measured surface before each.
+
+    A model that is a little wrong then does little harm.
+
+    Args:
+        target_um: Depth of each pixel, µm; shape (rows, columns).
+        plant: Mills the passes of a layer and measures what is left: called with the passes and the
+            surface before them, it returns the surface after them, depths in µm over the whole
+            target. :func:`simulate` with another process makes one.
+        layers: Number of layers, from 1 to 100.
+        measured_um: The surface before the first layer. Default: flat.
+        settings: The other arguments of :func:`solve`.
+
+    Returns:
+        The surface after every layer, and the plan of every layer for the rest of the job.
+
+    Raises:
+        DepthMapError, EmptyTargetError, OptionError, MillingError: As for :func:`solve`.
+    """
+    target = _depth_array(target_um)
+    surface = np.zeros_like(target) if measured_um is None else _depth_array(measured_um)
+    plans, surfaces = [], []
+    for left in range(integer_in("layers", layers, 1, 100), 0, -1):
+        plan = solve(target, layers=left, measured_um=surface, **settings)
+        surface = _depth_array(plant(plan.layer(0), surface))
+        plans.append(plan)
+        surfaces.append(surface)
+        if plan.partial:
+            break
+    return ClosedLoop(tuple(plans), tuple(surfaces))
+
+
+def plan_spots(
+    target_um: ArrayLike,
+    planner: SpotPlannerName = "adjoint",
+    *,
+    progress: Callable[[float], bool | None] | None = None,
+    **settings: Any,
+) -> SpotPlan:
+    """Plans all spots of an episode of ``lasergym/Milling-v0``.
+
+    Args:
+        target_um: Depth of each pixel, µm; shape (100, 100).
+        planner: ``"pixel-by-pixel"`` (spots on a raster, each with the dwell of the depth there) or
+            ``"adjoint"`` (dwell and y of the same spots optimised together).
+        progress: Called with the fraction done; returning True stops the planner.
+        settings: Arguments of the environment.
+
+    Returns:
+        The spots, and what the environment says of them.
+
+    Raises:
+        DepthMapError, EmptyTargetError, OptionError: The target or an argument cannot be used.
+    """
+    from lasergym.envs.milling_settings import MillingSettings
+
+    started_s = time.perf_counter()
+    native = _native.MillingEnvironment(MillingSettings(target=target_um, **settings).as_native())
+    native.reset(0)
+    actions, figures, episode_return, partial = native.plan(planner, progress)
+    return SpotPlan(
+        planner=planner,
+        actions=actions,
+        side_um=native.scales()[0],
+        longest_dwell_s=native.scales()[2],
+        reward=episode_return,
+        tracking_error_percent=figures[0],
+        machined_fraction=figures[1],
+        off_target_fraction=figures[2],
+        elapsed_s=time.perf_counter() - started_s,
+        partial=partial,
+    )
+
+
+def full_scale_um(process: str | Path = "laser-graphite") -> float:
+    """Depth of the deepest place of the milling environment's random reliefs, µm."""
+    from lasergym.envs.milling_settings import MillingSettings
+
+    return _native.MillingEnvironment(MillingSettings(process=process).as_native()).scales()[1]
+
+
+def random_relief(seed: int = 0, *, depth_um: float = 22.5) -> Surface:
+    """A smooth random target of the milling environment, depths from 0 to ``depth_um``.
+
+    Args:
+        seed: Names the relief, from 0 to 2⁶⁴ − 1. Seeds from 2 000 000 000 up are kept for
+            evaluation.
+        depth_um: Depth of the deepest place, µm, above 0 and at most 1e6.
+
+    Returns:
+        float64 of shape (100, 100), µm.
+
+    Raises:
+        OptionError: An argument is outside its range.
+    """
+    if not 0 < depth_um <= 1e6:
+        raise OptionError(f"depth_um is {depth_um}, but must be above 0 and at most 1e6 µm")
+    return _native.random_relief(integer_in("seed", seed, 0, LARGEST_SEED), float(depth_um))
 
 
 def calibrate(trenches: str | Path, process: str | Path = "laser-graphite") -> Calibration:
@@ -337,10 +567,10 @@ def calibrate(trenches: str | Path, process: str | Path = "laser-graphite") -> C
 
 
 def load_heights(path: str | Path, *, pixel_um: float = 1.0) -> Surface:
-    """Reads the heights in an NPY, ASC (DEM), PNG or STL file; shape (rows, columns).
+    """Reads the heights in an NPY, ASC (DEM), PNG, TIFF or STL file; shape (rows, columns).
 
     Args:
-        path: The file; brighter pixels of a PNG are higher, of an STL the top surface counts.
+        path: The file; brighter pixels of a picture are higher, of an STL the top surface counts.
         pixel_um: Side of a pixel, µm, for STL; its heights are µm above its lowest point.
 
     Raises:
@@ -385,6 +615,34 @@ def profile_text(process: str | Path) -> str:
         names = ", ".join(PROCESSES)
         raise OptionError(f"process is {str(process)!r}, but must be {names} or a TOML file")
     return path.read_text(encoding="utf-8", errors="replace")
+
+
+def _job(
+    target_um: ArrayLike,
+    pixel_um: float,
+    process: str | Path,
+    layers: int | None,
+    measured_um: ArrayLike | None,
+) -> _native.MillingJob:
+    return _native.MillingJob(
+        _depth_array(target_um),
+        pixel_um,
+        profile_text(process),
+        None if layers is None else integer_in("layers", layers, 1, 100),
+        None if measured_um is None else _measured(measured_um),
+    )
+
+
+def _measured(values: ArrayLike) -> Surface:
+    """A measured surface without what noise lifts above the ground."""
+    array = _depth_array(values)
+    if not np.isfinite(array).all():
+        row, column = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise DepthMapError(
+            f"the measured surface is {array[row, column]} at row {row}, column {column}: depths "
+            "must be finite"
+        )
+    return np.maximum(array, 0.0)
 
 
 def _depth_array(values: ArrayLike) -> Surface:

@@ -1,4 +1,4 @@
-"""Pictures of targets and pulses, and the workpiece as text."""
+"""Pictures of targets, pulses and depths, and the workpiece as text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,13 @@ from lasergym.errors import OptionError, PositionError
 from lasergym.planners import Plan, positions
 from lasergym.targets import Target, TargetLike, as_target
 
-__all__ = ["Trajectory", "ansi_frame", "render_trajectory"]
+__all__ = [
+    "Trajectory",
+    "ansi_frame",
+    "render_trajectory",
+    "residual_ansi",
+    "residual_frame",
+]
 
 FRAME_WIDTH_PX = 400
 """Width and height of the frames of environments, px of the screen."""
@@ -139,4 +145,46 @@ def ansi_frame(
     lines.append(
         f"pulses {pulses}  machined {machined_fraction:.1%}  off-target {off_target_fraction:.1%}"
     )
+    return "\n".join(lines)
+
+
+def residual_frame(
+    residual_um: NDArray[np.float64], full_scale_um: float, width_px: int = FRAME_WIDTH_PX
+) -> NDArray[np.uint8]:
+    """What is left to mill as a picture.
+
+    White: the target is reached; blue: ``full_scale_um`` is left; red: as much too deep.
+
+    Args:
+        residual_um: Target less depth, µm; shape (n, n), where n divides ``width_px``.
+        full_scale_um: Residual of the full colours, µm.
+        width_px: Width and height of the picture, px.
+
+    Returns:
+        uint8 of shape (width, width, 3).
+    """
+    part = np.clip(residual_um / full_scale_um, -1, 1)[..., None]
+    white = np.array([255.0, 255.0, 255.0])
+    left, beyond = np.array([25.0, 70.0, 160.0]), np.array([190.0, 30.0, 30.0])
+    # The square root makes small residuals visible.
+    strength = np.sqrt(np.abs(part))
+    colours = white + strength * (np.where(part > 0, left, beyond) - white)
+    repeats = width_px // len(residual_um)
+    picture: NDArray[np.uint8] = np.rint(colours).astype(np.uint8)
+    return picture.repeat(repeats, axis=0).repeat(repeats, axis=1)
+
+
+def residual_ansi(
+    residual_um: NDArray[np.float64], full_scale_um: float, error_percent: float, spots: int
+) -> str:
+    """What is left to mill as text of 50 × 25 characters and a line of figures.
+
+    A character stands for 2 × 4 px: ``#``, ``+``, ``-`` where more than a half, a fifth, a
+    twentieth of ``full_scale_um`` is left on average, ``x`` where the ground is more than a
+    twentieth too deep, a blank elsewhere.
+    """
+    part = residual_um.reshape(25, 4, 50, 2).mean(axis=(1, 3)) / full_scale_um
+    symbols = np.select([part > 0.5, part > 0.2, part > 0.05, part < -0.05], list("#+-x"), " ")
+    lines = ["".join(row) for row in symbols.tolist()]
+    lines.append(f"spots {spots}  tracking error {error_percent:.2f} %")
     return "\n".join(lines)

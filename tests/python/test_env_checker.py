@@ -11,7 +11,10 @@ from gymnasium.utils.env_checker import check_env
 
 import lasergym
 
-OBSERVATIONS = ("remaining", "layers")
+CASES = [
+    *((env_id, mode) for env_id in lasergym.envs.ABLATION_IDS for mode in ("remaining", "layers")),
+    *((env_id, mode) for env_id in lasergym.envs.MILLING_IDS for mode in ("residual", "layers")),
+]
 RENDER_MODES = (None, "rgb_array", "ansi", "human")
 
 
@@ -20,8 +23,7 @@ def _no_display(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
 
-@pytest.mark.parametrize("env_id", lasergym.envs.ABLATION_IDS)
-@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize(("env_id", "observation"), CASES)
 @pytest.mark.parametrize("render_mode", RENDER_MODES)
 def test_gymnasium_finds_no_fault(env_id: str, observation: str, render_mode: str | None) -> None:
     if render_mode == "human":
@@ -34,8 +36,7 @@ def test_gymnasium_finds_no_fault(env_id: str, observation: str, render_mode: st
     env.close()
 
 
-@pytest.mark.parametrize("env_id", lasergym.envs.ABLATION_IDS)
-@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize(("env_id", "observation"), CASES)
 @pytest.mark.parametrize("render_mode", RENDER_MODES)
 def test_stable_baselines3_finds_no_fault(
     env_id: str, observation: str, render_mode: str | None
@@ -50,7 +51,7 @@ def test_stable_baselines3_finds_no_fault(
     env.close()
 
 
-@pytest.mark.parametrize("env_id", lasergym.envs.ABLATION_IDS)
+@pytest.mark.parametrize("env_id", lasergym.envs.ENVIRONMENT_IDS)
 def test_wrapped_environments_run(env_id: str) -> None:
     env = gym.make(f"lasergym:{env_id}", max_episode_steps=5)
     env = gym.wrappers.RecordEpisodeStatistics(env)
@@ -61,7 +62,7 @@ def test_wrapped_environments_run(env_id: str) -> None:
     assert info["episode"]["l"] == 5
 
 
-@pytest.mark.parametrize("env_id", lasergym.envs.ABLATION_IDS)
+@pytest.mark.parametrize("env_id", lasergym.envs.ENVIRONMENT_IDS)
 @pytest.mark.parametrize("mode", list(gym.vector.AutoresetMode))
 def test_vector_environments_are_native_and_declare_their_mode(
     env_id: str, mode: gym.vector.AutoresetMode
@@ -69,7 +70,7 @@ def test_vector_environments_are_native_and_declare_their_mode(
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         envs = gym.make_vec(env_id, num_envs=3, autoreset_mode=mode)
-    assert isinstance(envs.unwrapped, lasergym.envs.AblationVectorEnv)
+    assert isinstance(envs.unwrapped, lasergym.envs.NativeVectorEnv)
     assert envs.metadata["autoreset_mode"] is mode
     observations, _ = envs.reset(seed=1)
     assert envs.observation_space.contains(observations)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,6 +100,58 @@ def test_bad_targets_are_refused(target: object, error: type[Exception], match: 
         milling.solve(target, pixel_um=5)  # type: ignore[arg-type]
 
 
+def test_measuring_after_each_layer_makes_up_for_a_wrong_model(tmp_path: Path) -> None:
+    # The plant's footprint is 5 % wider, its rate 5 % lower.
+    plant_file = tmp_path / "plant.toml"
+    text = milling.profile_text("laser-graphite")
+    text = text.replace("radius_um = 22.5", f"radius_um = {22.5 * 1.05}")
+    text = text.replace("peak_um_s = 75000.0", f"peak_um_s = {75000 * 0.95 / 1.05**2}")
+    plant_file.write_text(text)
+    y, x = np.mgrid[0:30, 0:30] / 30
+    target = 30 + 8 * np.sin(6 * x) * np.cos(5 * y)
+
+    def plant(passes: milling.Passes, surface: milling.Surface) -> milling.Surface:
+        return milling.simulate(
+            passes, target, pixel_um=6, process=plant_file, measured_um=surface
+        ).depth_um
+
+    settings: dict[str, Any] = {"pixel_um": 6, "iterations": 15, "free_iterations": 0}
+    planned = milling.solve(target, layers=3, **settings)
+    opened = plant(planned.passes, np.zeros_like(target))
+    loop = milling.closed_loop(target, plant, layers=3, **settings)
+    error = {
+        name: 100 * np.abs(surface - target).sum() / target.sum()
+        for name, surface in (("open", opened), ("closed", loop.depth_um))
+    }
+    assert error["closed"] < 0.5 * error["open"]
+    assert len(loop.surfaces_um) == 3
+    assert [plan.layers for plan in loop.plans] == [3, 2, 1]
+
+
+def test_a_job_goes_on_from_a_measured_surface(dish_um: NDArray[np.float64]) -> None:
+    first = milling.solve(dish_um, pixel_um=6, layers=3, **QUICK)
+    layer = first.layer(0)
+    assert len(layer.y_um) * 3 == len(first.passes.y_um)
+    surface = milling.simulate(layer, dish_um, pixel_um=6).depth_um
+    noise = np.random.default_rng(1).normal(0, 0.1, surface.shape)
+    rest = milling.solve(dish_um, pixel_um=6, layers=2, measured_um=surface + noise, **QUICK)
+    assert rest.layers == 2
+    assert rest.tracking_error_percent < 1.5 * first.tracking_error_percent + 0.5
+    # A surface measured with coarser pixels is interpolated.
+    coarse = surface.reshape(12, 2, 15, 2).mean(axis=(1, 3))
+    assert milling.solve(dish_um, pixel_um=6, layers=2, measured_um=coarse, **QUICK).layers == 2
+    for measured, error, match in (
+        (np.full((24, 31), 1.0), DepthMapError, "measure the whole target"),
+        (np.full((24, 30), np.nan), DepthMapError, "row 0, column 0"),
+        (np.full((24, 30), 99.0), EmptyTargetError, "nothing to remove"),
+        (np.ones(3), DepthMapError, "shape"),
+    ):
+        with pytest.raises(error, match=match):
+            milling.solve(dish_um, pixel_um=6, measured_um=measured)
+    with pytest.raises(OptionError, match="layer"):
+        first.layer(3)
+
+
 def test_bad_options_are_refused(dish_um: NDArray[np.float64]) -> None:
     for options, match in (
         ({"pixel_um": 0.0}, "cell_um"),
@@ -144,11 +197,14 @@ def test_heights_are_read_from_files(tmp_path: Path) -> None:
     body = "\n".join(" ".join(map(str, row)) for row in values)
     (tmp_path / "c.asc").write_text(f"ncols 4\nnrows 3\ncellsize 30\n{body}\n")
     np.testing.assert_array_equal(milling.load_heights(tmp_path / "c.asc"), values)
+    image = pytest.importorskip("PIL.Image")
+    image.fromarray(values).save(tmp_path / "c.tiff")
+    np.testing.assert_array_equal(milling.load_heights(tmp_path / "c.tiff"), values)
     corners = ((0, 0, 0), (0.04, 0, 0.01), (0, 0.03, 0))
     triangle = struct.pack("<12fH", 0, 0, 1, *(v for corner in corners for v in corner), 0)
     (tmp_path / "d.stl").write_bytes(bytes(80) + struct.pack("<I", 1) + triangle)
     assert milling.load_heights(tmp_path / "d.stl", pixel_um=10).shape == (3, 4)
-    for name in ("e.bmp", "e.npy"):
+    for name in ("e.bmp", "e.npy", "e.tif"):
         (tmp_path / name).write_bytes(b"nothing")
         with pytest.raises(DepthMapError):
             milling.load_heights(tmp_path / name)
@@ -190,6 +246,30 @@ def test_the_command_writes_a_job(
     for name in ("passes.csv", "passes.nc"):
         assert (job / name).stat().st_size > 100
     assert np.load(job / "surface_um.npy").shape == dish_um.shape
+
+
+def test_the_command_goes_on_from_a_measured_surface(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], dish_um: NDArray[np.float64]
+) -> None:
+    np.save(tmp_path / "relief.npy", dish_um)
+    arguments = ("mill", str(tmp_path / "relief.npy"), "--pixel-um", "6", "--json")
+    arguments += ("--iterations", "6", "--free-iterations", "0")
+    code, out, _ = run(
+        capsys, *arguments, "--layers", "3", "--one-layer", "-o", str(tmp_path / "first")
+    )
+    assert code == 0
+    passes = json.loads(out)["passes"]
+    lines = (tmp_path / "first" / "passes.csv").read_text().splitlines()
+    assert int(lines[-1].split(",")[0]) <= passes // 3
+    np.save(tmp_path / "measured.npy", 0.4 * dish_um)
+    code, out, _ = run(
+        capsys, *arguments, "--layers", "2", "--measured", str(tmp_path / "measured.npy")
+    )
+    assert code == 0
+    report = json.loads(out)
+    assert report["layers"] == 2
+    assert report["measured"] == str(tmp_path / "measured.npy")
+    assert report["tracking_error_percent"] < 10
 
 
 def test_the_command_refuses_bad_input(

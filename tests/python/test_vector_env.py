@@ -59,6 +59,61 @@ def test_vector_equals_single(
     max_episode_steps: int | None,
     arguments: dict[str, Any],
 ) -> None:
+    assert_vector_equals_single(
+        env_id, mode, threads, num_envs, seed, max_episode_steps, arguments, steps=20
+    )
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    mode=st.sampled_from(MODES),
+    threads=st.integers(1, 3),
+    num_envs=st.integers(1, 3),
+    seed=st.integers(0, 2**31),
+    max_episode_steps=st.one_of(st.none(), st.integers(1, 9)),
+    arguments=st.fixed_dictionaries(
+        {},
+        optional={
+            "process": st.sampled_from(lasergym.milling.PROCESSES),
+            "observation": st.sampled_from(["residual", "layers"]),
+            "max_spots": st.integers(1, 8),
+            "tolerance_percent": st.floats(0.0, 99.5),
+            "pointing_error_um": st.floats(0.0, 30.0),
+            "dwell_error": st.floats(0.0, 0.5),
+        },
+    ),
+)
+def test_milling_vector_equals_single(
+    mode: AutoresetMode,
+    threads: int,
+    num_envs: int,
+    seed: int,
+    max_episode_steps: int | None,
+    arguments: dict[str, Any],
+) -> None:
+    assert_vector_equals_single(
+        "lasergym/Milling-v0",
+        mode,
+        threads,
+        num_envs,
+        seed,
+        max_episode_steps,
+        arguments,
+        steps=12,
+    )
+
+
+def assert_vector_equals_single(
+    env_id: str,
+    mode: AutoresetMode,
+    threads: int,
+    num_envs: int,
+    seed: int,
+    max_episode_steps: int | None,
+    arguments: dict[str, Any],
+    *,
+    steps: int,
+) -> None:
     limit = {} if max_episode_steps is None else {"max_episode_steps": max_episode_steps}
     singles = gym.vector.SyncVectorEnv(
         [lambda: gym.make(env_id, **arguments, **limit) for _ in range(num_envs)],
@@ -77,8 +132,10 @@ def test_vector_equals_single(
     expected, actual = singles.reset(seed=seed), native.reset(seed=seed)
     np.testing.assert_array_equal(expected[0], actual[0], strict=True)
     assert_same_infos(expected[1], actual[1])
-    for _ in range(20):
-        actions = generator.uniform(-1.2, 1.2, (num_envs, 2)).astype(np.float32)
+    size = native.single_action_space.shape
+    assert size is not None
+    for _ in range(steps):
+        actions = generator.uniform(-1.2, 1.2, (num_envs, *size)).astype(np.float32)
         expected, actual = singles.step(actions), native.step(actions)
         for one, other in zip(expected[:4], actual[:4], strict=True):
             np.testing.assert_array_equal(one, other, strict=True)

@@ -2,8 +2,8 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use lasergym_ablation::{
-    Action, Autoreset, Batch, BatchOptions, Footprint, ObservationMode, Options, Pulse, Stream,
-    Task, Workpiece, random_shape, star,
+    Action, Autoreset, Batch, BatchOptions, Environment, Footprint, ObservationMode, Options,
+    Pulse, Stream, Task, Workpiece, random_shape, star,
 };
 use lasergym_geom::Point;
 
@@ -25,7 +25,8 @@ fn batches(criterion: &mut Criterion) {
                 max_episode_steps: None,
                 threads: 1,
             };
-            let Ok(mut batch) = Batch::new(task.clone(), Options::default(), options) else {
+            let environment = Environment::new(task.clone(), Options::default());
+            let Ok(mut batch) = environment.and_then(|one| Batch::new(one, options)) else {
                 continue;
             };
             let mut observations = vec![0; environments * options.observation.len()];

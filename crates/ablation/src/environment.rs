@@ -8,6 +8,7 @@ use crate::{
     AblationError, Footprint, MAX_PULSE_RADIUS_PX, Options, Pulse, PulseOutcome, Stream, Task,
     Workpiece,
 };
+use lasergym_batch::{Landing, Phase};
 use lasergym_geom::Bitmap;
 
 /// A task with its settings, shared by all environments of a batch.
@@ -39,22 +40,6 @@ pub struct Step {
     pub terminated: bool,
     /// The pulse as it landed, errors included.
     pub pulse: Pulse,
-}
-
-/// What one pulse did to the episode.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Landing {
-    pub(crate) reward: f64,
-    pub(crate) terminated: bool,
-}
-
-/// The phase of an episode.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) enum Phase {
-    #[default]
-    NotBegun,
-    Running,
-    Over,
 }
 
 /// An environment: a workpiece, the pulses fired at it, and the random stream that draws its
@@ -99,7 +84,7 @@ impl Environment {
     /// the stream goes on.
     pub fn reset(&mut self, seed: Option<u64>) {
         if let Some(seed) = seed {
-            self.start_stream(seed);
+            self.seed(seed);
         }
         if let Some(workpiece) = &self.setup.fixed {
             self.workpiece.clone_from(workpiece);
@@ -111,7 +96,7 @@ impl Environment {
     }
 
     /// Starts the random stream anew.
-    pub(crate) fn start_stream(&mut self, seed: u64) {
+    pub(crate) fn seed(&mut self, seed: u64) {
         self.stream = Stream::from_seed(seed);
     }
 
@@ -184,7 +169,7 @@ impl Environment {
     }
 
     /// Ends the episode without a further pulse, as a time limit does.
-    pub(crate) fn truncate(&mut self) {
+    pub(crate) fn end(&mut self) {
         self.phase = Phase::Over;
     }
 

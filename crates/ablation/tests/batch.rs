@@ -138,7 +138,7 @@ proptest! {
         seed: u64,
     ) {
         let (count, mode) = (options.environments, options.observation);
-        let mut batch = Batch::new(task.clone(), process, options).unwrap();
+        let mut batch = Batch::new(Environment::new(task.clone(), process).unwrap(), options).unwrap();
         let mut observations = vec![SENTINEL; count * mode.len()];
         let kept = options.autoreset == Autoreset::SameStep;
         let mut finals = vec![SENTINEL; if kept { count * mode.len() } else { 0 }];
@@ -204,7 +204,7 @@ proptest! {
             threads: 1,
         };
         let process = Options { pulse_radius_px: radius_px, completion: 1.0, ..Options::default() };
-        let mut batch = Batch::new(task, process, options).unwrap();
+        let mut batch = Batch::new(Environment::new(task, process).unwrap(), options).unwrap();
         let mut observations = vec![0; 10 * mode.len()];
         batch.reset(&[Some(seed); 10], None, &mut observations).unwrap();
         let mut stream = Stream::from_seed(seed);
@@ -258,7 +258,10 @@ fn batch_of_three(autoreset: Autoreset) -> (Batch, Vec<u8>) {
         threads: 1,
     };
     let process = Options { max_pulses: 2, ..Options::default() };
-    (Batch::new(Task::Star, process, options).unwrap(), vec![0; 3 * CHANNEL_LEN])
+    (
+        Batch::new(Environment::new(Task::Star, process).unwrap(), options).unwrap(),
+        vec![0; 3 * CHANNEL_LEN],
+    )
 }
 
 #[test]
@@ -339,7 +342,9 @@ fn without_seeds_the_streams_are_those_of_the_indices() {
         threads: 1,
     };
     let reset = |seeds: [Option<u64>; 5]| {
-        let mut batch = Batch::new(Task::RandomShape, Options::default(), options).unwrap();
+        let mut batch =
+            Batch::new(Environment::new(Task::RandomShape, Options::default()).unwrap(), options)
+                .unwrap();
         let mut observations = vec![0; 5 * CHANNEL_LEN];
         batch.reset(&seeds, None, &mut observations).unwrap();
         observations
@@ -355,7 +360,8 @@ fn options_outside_their_range_are_named() {
         (BatchOptions { threads: 0, ..valid }, "threads"),
         (BatchOptions { max_episode_steps: Some(0), ..valid }, "max_episode_steps"),
     ] {
-        match Batch::new(Task::Star, Options::default(), options) {
+        let environment = Environment::new(Task::Star, Options::default()).unwrap();
+        match Batch::new(environment, options) {
             Err(AblationError::InvalidOption { name, .. }) => assert_eq!(name, expected),
             other => panic!("{other:?}"),
         }

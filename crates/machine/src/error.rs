@@ -34,6 +34,12 @@ pub enum JobError {
         /// The folder.
         path: String,
     },
+    /// Another process works on the job.
+    #[error("another process works on the job in {path}: wait for it, or stop it")]
+    JobRuns {
+        /// The folder.
+        path: String,
+    },
     /// The folder holds no job.
     #[error("{path} holds no job that could be resumed: {reason}")]
     NoJob {

@@ -189,6 +189,18 @@ impl BeamPath {
         sum
     }
 
+    /// Dose of the stretch with the largest dose, s, where it has the longer dwell of its two ends.
+    pub(crate) fn largest_dose_s(&self, law: &RemovalLaw) -> f64 {
+        let stretches = self.points - 1;
+        let dose = |k: usize| {
+            let first = k / stretches * self.points + k % stretches;
+            let rise = self.y_um[first + 1] - self.y_um[first];
+            let dwell = self.dwell_s_mm[first].max(self.dwell_s_mm[first + 1]);
+            self.spacing_um.hypot(rise) * 1e-3 * law.dose_s_mm(dwell)
+        };
+        (0..self.beam_on.len()).filter(|&k| self.beam_on[k]).map(dose).fold(0.0, f64::max)
+    }
+
     /// Writes the steps of a pass, in the order in which the beam makes them, to `steps`.
     pub(crate) fn steps(
         &self,

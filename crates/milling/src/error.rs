@@ -49,16 +49,30 @@ pub enum MillingError {
     /// A target with nothing to remove.
     #[error("the target is 0 µm deep everywhere: there is nothing to remove")]
     EmptyTarget,
+    /// A measured surface that does not lie over the target.
+    #[error(
+        "the measured surface is {measured_width_um} × {measured_height_um} µm, but the target is {width_um} × {height_um} µm: measure the whole target and nothing beside it"
+    )]
+    MeasuredSize {
+        /// Width of the target, µm.
+        width_um: f64,
+        /// Height of the target, µm.
+        height_um: f64,
+        /// Width of the measured surface, µm.
+        measured_width_um: f64,
+        /// Height of the measured surface, µm.
+        measured_height_um: f64,
+    },
     /// The target is deeper than the passes can reach.
     #[error(
-        "the target is {depth_um} µm deep at row {row}, column {column}, but {layers} layers reach {reach_um} µm: allow {needed} layers"
+        "{depth_um} µm are to be removed at row {row}, column {column}, but {layers} layers reach {reach_um} µm: allow {needed} layers"
     )]
     TooDeep {
         /// Row of the deepest cell.
         row: usize,
         /// Column of the deepest cell.
         column: usize,
-        /// Its depth, µm.
+        /// What is to be removed there, µm.
         depth_um: f64,
         /// Layers allowed.
         layers: usize,
@@ -131,6 +145,35 @@ pub enum MillingError {
         /// What is accepted.
         expected: &'static str,
     },
+    /// A spot is not usable.
+    #[error("{name} of spot {index} is {value}: it must be {expected}")]
+    Spot {
+        /// Index of the spot.
+        index: usize,
+        /// Name of the value, unit included.
+        name: &'static str,
+        /// The value.
+        value: f64,
+        /// What is accepted.
+        expected: &'static str,
+    },
+    /// An action has a component that is not a number or infinite.
+    #[error(
+        "action of environment {environment} is ({x}, {y}, {dwell}): its components must be finite, in [-1, 1]"
+    )]
+    ActionNotFinite {
+        /// Index of the environment.
+        environment: usize,
+        /// First component.
+        x: f32,
+        /// Second component.
+        y: f32,
+        /// Third component.
+        dwell: f32,
+    },
+    /// A batch of environments cannot be made or stepped.
+    #[error(transparent)]
+    Batch(#[from] lasergym_batch::BatchError),
     /// A step removes so much that the surface would ripple.
     #[error(
         "the step is unstable: its Courant number is {courant}, above {limit}; use at least {substeps} substeps per point"
@@ -184,7 +227,7 @@ pub enum MillingError {
         reason: String,
     },
     /// A file whose name does not say which heights it holds.
-    #[error("{name} must end in one of .npy, .asc, .dem, .png, .stl")]
+    #[error("{name} must end in one of .npy, .asc, .dem, .png, .tif, .tiff, .stl")]
     HeightFormat {
         /// The name.
         name: String,

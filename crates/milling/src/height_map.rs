@@ -4,6 +4,7 @@ use crate::asc_grid::read_asc;
 use crate::npy::read_npy;
 use crate::png_heights::read_png;
 use crate::stl::read_stl;
+use crate::tiff_heights::read_tiff;
 use crate::{DepthMap, Grid, MillingError};
 
 /// Largest file that is read, bytes.
@@ -18,6 +19,9 @@ pub enum HeightFormat {
     Asc,
     /// `.png`: brighter is higher; 8 or 16 bits.
     Png,
+    /// `.tif` or `.tiff`: the first image; numbers of 8 to 64 bits as they are, of colours the
+    /// brightness.
+    Tiff,
     /// `.stl`: the top surface of a solid, mm, z upwards, in text or binary.
     Stl,
 }
@@ -65,6 +69,7 @@ impl HeightFormat {
             "npy" => Ok(Self::Npy),
             "asc" | "dem" => Ok(Self::Asc),
             "png" => Ok(Self::Png),
+            "tif" | "tiff" => Ok(Self::Tiff),
             "stl" => Ok(Self::Stl),
             _ => Err(MillingError::HeightFormat { name: name.to_owned() }),
         }
@@ -76,6 +81,7 @@ impl HeightFormat {
             Self::Npy => "NPY",
             Self::Asc => "ASC",
             Self::Png => "PNG",
+            Self::Tiff => "TIFF",
             Self::Stl => "STL",
         }
     }
@@ -101,6 +107,7 @@ impl HeightMap {
             HeightFormat::Npy => read_npy(bytes)?,
             HeightFormat::Asc => read_asc(bytes)?,
             HeightFormat::Png => read_png(bytes)?,
+            HeightFormat::Tiff => read_tiff(bytes)?,
             HeightFormat::Stl => read_stl(bytes, pixel_um)?,
         };
         match map.heights.iter().position(|height| !height.is_finite()) {
@@ -172,6 +179,7 @@ mod tests {
     #[test]
     fn formats_are_known_by_their_endings() {
         assert_eq!(HeightFormat::of_name("a/b.NPY"), Ok(HeightFormat::Npy));
+        assert_eq!(HeightFormat::of_name("scan.TIF"), Ok(HeightFormat::Tiff));
         assert_eq!(HeightFormat::of_name("part.stl"), Ok(HeightFormat::Stl));
         let error = HeightFormat::of_name("relief.bmp").unwrap_err().to_string();
         assert!(error.contains("relief.bmp") && error.contains(".npy"), "{error}");

@@ -33,6 +33,7 @@ pub struct MillingJob {
     simulator: Simulator,
     layers: usize,
     layout: RasterLayout,
+    start_um: Vec<f64>,
 }
 
 impl MillingJob {
@@ -52,12 +53,52 @@ impl MillingJob {
         profile: Profile,
         options: JobOptions,
     ) -> Result<Self, MillingError> {
+        Self::lay_out(target, None, profile, options)
+    }
+
+    /// As [`MillingJob::new`], on a workpiece that is milled in part: `measured` is its surface, of the
+    /// same width and height as the target, with pixels of its own. Layers count from there on.
+    /// Ground that is too deep already, or that the fastest pass makes too deep, is no error here.
+    ///
+    /// # Errors
+    /// As [`MillingJob::new`]; [`MillingError::MeasuredSize`] for a surface of another size,
+    /// [`MillingError::EmptyTarget`] where nothing is left to remove.
+    pub fn continued(
+        target: &DepthMap,
+        measured: &DepthMap,
+        profile: Profile,
+        options: JobOptions,
+    ) -> Result<Self, MillingError> {
+        let size = |map: &DepthMap| {
+            let Grid { rows, columns, cell_um, .. } = *map.grid();
+            (rows as f64 * cell_um, columns as f64 * cell_um)
+        };
+        let ((height_um, width_um), (measured_height_um, measured_width_um)) =
+            (size(target), size(measured));
+        let same = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a;
+        if !(same(height_um, measured_height_um) && same(width_um, measured_width_um)) {
+            return Err(MillingError::MeasuredSize {
+                width_um,
+                height_um,
+                measured_width_um,
+                measured_height_um,
+            });
+        }
+        Self::lay_out(target, Some(measured), profile, options)
+    }
+
+    fn lay_out(
+        target: &DepthMap,
+        measured: Option<&DepthMap>,
+        profile: Profile,
+        options: JobOptions,
+    ) -> Result<Self, MillingError> {
         profile.validate()?;
         let reach_um = profile.process.footprint.reach_um();
         let pixel_um = target.grid().cell_um;
         let factor = (pixel_um / (0.2 * reach_um) * (1.0 - 1e-9)).ceil().clamp(1.0, 1e9) as usize;
         let target = if factor > 1 { target.refined(factor)? } else { target.clone() };
-        let layers = choose_layers(&target, &profile, options)?;
+        let layers = choose_layers(&target, measured, &profile, options)?;
 
         let cell_um = target.grid().cell_um;
         let lead_um = LEAD * reach_um;
@@ -82,14 +123,19 @@ impl MillingJob {
         let target_um = (0..grid.len())
             .map(|k| target.at_um(grid.x_um(k % grid.columns), grid.y_um(k / grid.columns)))
             .collect();
+        let surface_um = |measured: &DepthMap| {
+            let at = |k: usize| (grid.x_um(k % grid.columns), grid.y_um(k / grid.columns));
+            (0..grid.len()).map(|k| measured.at_um(at(k).0, at(k).1)).collect()
+        };
+        let start_um = measured.map_or_else(|| vec![0.0; grid.len()], surface_um);
         let inner = target.grid();
         let (rows, columns) = (margin..margin + inner.rows, margin..margin + inner.columns);
         let objective = Objective::new(grid, target_um, rows, columns)?;
         let (_, longest) = profile.dwell_range_s_mm();
         let substeps = Simulator::stable_substeps(&profile.process, cell_um, spacing_um, longest);
-        // Free passes are longer than straight ones.
+        // Free passes are longer than straight ones; the solver takes only those that stay stable.
         let simulator = Simulator::new(grid, &profile.process, substeps)?;
-        Ok(Self { profile, target, objective, simulator, layers, layout })
+        Ok(Self { profile, target, objective, simulator, layers, layout, start_um })
     }
 
     /// The process and its limits.
@@ -132,6 +178,12 @@ impl MillingJob {
     #[must_use]
     pub fn layout(&self) -> &RasterLayout {
         &self.layout
+    }
+
+    /// The surface before the first pass, on the simulation's grid, µm: flat, or as measured.
+    #[must_use]
+    pub fn start_um(&self) -> &[f64] {
+        &self.start_um
     }
 
     /// The part of a field on the simulation's grid that lies on the target, row by row.
@@ -227,11 +279,18 @@ impl MillingJob {
 /// Checks that the layers reach the target, or chooses how many do.
 fn choose_layers(
     target: &DepthMap,
+    measured: Option<&DepthMap>,
     profile: &Profile,
     options: JobOptions,
 ) -> Result<usize, MillingError> {
     let place = |index: usize| (index / target.grid().columns, index % target.grid().columns);
-    let depths = || target.depth_um().iter().copied().enumerate();
+    let depths = || {
+        target.depth_um().iter().enumerate().map(|(index, &depth_um)| {
+            let (row, column) = place(index);
+            let (x_um, y_um) = (target.grid().x_um(column), target.grid().y_um(row));
+            (index, depth_um - measured.map_or(0.0, |measured| measured.at_um(x_um, y_um)))
+        })
+    };
     let Some((deepest, depth_um)) = depths().max_by(|a, b| a.1.total_cmp(&b.1)) else {
         return Err(MillingError::EmptyTarget);
     };
@@ -250,7 +309,7 @@ fn choose_layers(
         let reach_um = layers as f64 * most_um;
         return Err(MillingError::TooDeep { row, column, depth_um, layers, reach_um, needed });
     }
-    if !profile.can_switch_off {
+    if !profile.can_switch_off && measured.is_none() {
         let least_um = layers as f64 * least_um;
         let shallowest = depths().min_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((index, depth_um)) = shallowest.filter(|(_, depth)| *depth < least_um) {
@@ -319,6 +378,44 @@ mod tests {
         assert!(matches!(
             MillingJob::new(&target, jet(), JobOptions::default()),
             Err(MillingError::TooShallow { row: 0, column: 0, .. })
+        ));
+    }
+
+    #[test]
+    fn a_measured_surface_is_where_the_job_begins() {
+        // Measured with pixels twice as coarse, one half 10 µm deep.
+        let depths = (0..300).map(|k| if k % 20 < 10 { 10.0 } else { 0.0 }).collect();
+        let measured = DepthMap::new(15, 20, 10.0, depths).unwrap();
+        let options = JobOptions::default();
+        let job = MillingJob::continued(&flat(22.0), &measured, laser(), options).unwrap();
+        let start = job.on_target(job.start_um()).unwrap();
+        assert!((start[0] - 10.0).abs() < 1e-12 && start[39].abs() < 1e-12);
+        assert_eq!(job.layers(), MillingJob::new(&flat(22.0), laser(), options).unwrap().layers());
+        let path = job.pixel_by_pixel(job.start_um(), job.layers()).unwrap();
+        let mut surface = job.start_um().to_vec();
+        job.simulator().mill(&path, &mut surface).unwrap();
+        let surface = job.on_target(&surface).unwrap();
+        for middle in [15 * 40 + 10, 15 * 40 + 30] {
+            assert!((surface[middle] / 22.0 - 1.0).abs() < 0.02, "{}", surface[middle]);
+        }
+        // The rest is within reach of a single layer.
+        let one = JobOptions { layers: Some(1) };
+        let nearly = DepthMap::new(30, 40, 5.0, vec![14.0; 1200]).unwrap();
+        assert!(MillingJob::new(&flat(22.0), laser(), one).is_err());
+        assert_eq!(MillingJob::continued(&flat(22.0), &nearly, laser(), one).unwrap().layers(), 1);
+    }
+
+    #[test]
+    fn measured_surfaces_of_another_size_or_deep_enough_are_refused() {
+        let options = JobOptions::default();
+        let other = DepthMap::new(30, 41, 5.0, vec![1.0; 1230]).unwrap();
+        assert!(matches!(
+            MillingJob::continued(&flat(20.0), &other, laser(), options),
+            Err(MillingError::MeasuredSize { .. })
+        ));
+        assert!(matches!(
+            MillingJob::continued(&flat(20.0), &flat(20.0), laser(), options),
+            Err(MillingError::EmptyTarget)
         ));
     }
 

@@ -8,7 +8,7 @@ use crate::beam_path::BeamStep;
 use crate::beam_window::{BeamWindow, Scratch};
 use crate::flat_step::{self, StepDirection, StepGradient};
 use crate::footprint::{Footprint, Radial};
-use crate::sloped_step::{self, SlopeKernel, StepTape};
+use crate::sloped_step::{self, SlopeKernel};
 
 /// What the passes of a simulation have in common.
 #[derive(Debug, Clone)]
@@ -28,7 +28,7 @@ impl PassKernel {
 
     /// Values that the tape of so many steps holds: none where slopes do not matter.
     pub(crate) fn tape_len(&self, steps: usize) -> usize {
-        if self.slope.is_some() { steps * 3 * self.window.side.pow(2) } else { 0 }
+        if self.slope.is_some() { steps * self.window.side.pow(2) } else { 0 }
     }
 
     /// Removes what the steps remove and fills their tape, which has
@@ -45,11 +45,14 @@ impl PassKernel {
     }
 
     /// Turns the adjoint field after the steps into the one before, and writes the gradient of each
-    /// step. `tape` is that of [`PassKernel::apply_taped`].
+    /// step. `tape` is that of [`PassKernel::apply_taped`]. Where slopes matter, `depth` is the
+    /// surface after the steps and becomes the one before them, but for rounding; else neither is
+    /// used.
     pub(crate) fn apply_transpose(
         &self,
         steps: &[BeamStep],
-        tape: &mut [f64],
+        tape: &[f64],
+        depth: &mut [f64],
         adjoint: &mut [f64],
         gradients: &mut Vec<StepGradient>,
         scratch: &mut Scratch,
@@ -57,7 +60,7 @@ impl PassKernel {
         gradients.clear();
         gradients.resize(steps.len(), StepGradient::default());
         let PassKernel { window, slope, .. } = self;
-        self.run(Transpose { window, slope, steps, adjoint, tape, gradients, scratch });
+        self.run(Transpose { window, slope, steps, tape, depth, adjoint, gradients, scratch });
     }
 
     /// Turns small changes before the steps into changes after them.
@@ -141,9 +144,8 @@ impl PassWork for ApplyTaped<'_> {
             return Apply { window, slope, steps, depth, scratch }.run(radial);
         };
         let side = window.side;
-        for (step, cells) in steps.iter().zip(tape.chunks_exact_mut(3 * side * side)) {
-            let mut tape = StepTape::new(cells, side);
-            sloped_step::apply_taped(window, radial, law, step, depth, scratch, &mut tape);
+        for (step, factors) in steps.iter().zip(tape.chunks_exact_mut(side * side)) {
+            sloped_step::apply_taped(window, radial, law, step, depth, scratch, factors);
         }
     }
 }
@@ -152,8 +154,9 @@ struct Transpose<'a> {
     window: &'a BeamWindow,
     slope: &'a Option<SlopeKernel>,
     steps: &'a [BeamStep],
+    tape: &'a [f64],
+    depth: &'a mut [f64],
     adjoint: &'a mut [f64],
-    tape: &'a mut [f64],
     gradients: &'a mut [StepGradient],
     scratch: &'a mut Scratch,
 }
@@ -161,19 +164,18 @@ struct Transpose<'a> {
 impl PassWork for Transpose<'_> {
     #[inline(always)]
     fn run<R: Radial>(self, radial: R) {
-        let Self { window, slope, steps, adjoint, tape, gradients, scratch } = self;
-        if slope.is_none() {
+        let Self { window, slope, steps, tape, depth, adjoint, gradients, scratch } = self;
+        let Some(law) = slope else {
             for (step, gradient) in steps.iter().zip(gradients) {
                 *gradient = flat_step::apply_transpose(window, radial, step, adjoint, scratch);
             }
             return;
-        }
-        let side = window.side;
-        let cells = 3 * side * side;
-        let taped = steps.iter().zip(tape.chunks_exact_mut(cells)).zip(gradients).rev();
-        for ((step, cells), gradient) in taped {
-            let tape = StepTape::new(cells, side);
-            *gradient = sloped_step::apply_transpose(window, radial, step, &tape, adjoint, scratch);
+        };
+        let taped = tape.chunks_exact(window.side.pow(2));
+        for ((step, factors), gradient) in steps.iter().zip(taped).zip(gradients).rev() {
+            *gradient = sloped_step::apply_transpose(
+                window, radial, law, step, factors, depth, adjoint, scratch,
+            );
         }
     }
 }

@@ -1,14 +1,13 @@
 //! The forward model and its derivatives.
 
-use std::ops::Range;
-
+use crate::adjoint_run::AdjointRun;
 use crate::beam_path::BeamStep;
 use crate::beam_window::{BeamWindow, Scratch};
 use crate::error::check_option;
 use crate::flat_step::{StepDirection, StepGradient};
 use crate::pass_kernel::PassKernel;
 use crate::sloped_step::SlopeKernel;
-use crate::{BeamPath, Footprint, Grid, MillingError, Objective, RemovalLaw};
+use crate::{BeamPath, Footprint, GradientMemory, Grid, MillingError, Objective, RemovalLaw};
 
 /// Largest Courant number W max(E |f'|)/Δ of a step: beyond it surfaces ripple.
 pub const MAX_COURANT: f64 = 0.35;
@@ -36,8 +35,8 @@ pub struct Process {
 pub struct Simulator {
     grid: Grid,
     law: RemovalLaw,
-    substeps: usize,
-    kernel: PassKernel,
+    pub(crate) substeps: usize,
+    pub(crate) kernel: PassKernel,
 }
 
 /// An objective and its derivatives with respect to the controls of a path.
@@ -60,33 +59,6 @@ pub struct Direction {
     pub dwell_s_mm: Vec<f64>,
     /// Change of the y of each point, µm; shape (passes, points).
     pub y_um: Vec<f64>,
-}
-
-/// Most values of recorded derivatives that a gradient keeps: 256 MB.
-pub const MAX_TAPE_VALUES: usize = 32 << 20;
-
-/// Memory of [`Simulator::gradient`], to be used again.
-#[derive(Debug, Clone, Default)]
-pub struct GradientMemory {
-    values: Vec<f64>,
-}
-
-impl GradientMemory {
-    fn range(&mut self, start: usize, length: usize) -> &mut [f64] {
-        let end = start + length;
-        if self.values.len() < end {
-            self.values.resize(end, 0.0);
-        }
-        &mut self.values[start..end]
-    }
-}
-
-/// What the backward run needs of a pass.
-enum Kept {
-    /// Where its tape begins.
-    Tape(usize),
-    /// The cells that it touches, and their depths before it.
-    Band(Range<usize>, Vec<f64>),
 }
 
 /// First and second derivative of the objective with respect to the dose of a stretch, times the
@@ -134,26 +106,37 @@ impl Simulator {
         longest_dwell_s_mm: f64,
     ) -> usize {
         let by_length = spacing_um / (MAX_STEP * 2.0 * process.footprint.reach_um());
-        let courant = courant(process, cell_um, spacing_um, longest_dwell_s_mm);
-        let substeps = by_length.max(courant / MAX_COURANT);
-        // Rounding must not turn an exact fit into one substep more.
-        ((substeps * (1.0 - 1e-9)).ceil() as usize).max(1)
+        let dose_s = spacing_um * 1e-3 * process.law.dose_s_mm(longest_dwell_s_mm);
+        let courant = courant_per_s(&process.footprint, &process.law, cell_um) * dose_s;
+        substeps_for(by_length.max(courant / MAX_COURANT))
     }
 
-    /// Refuses paths whose steps would be unstable.
+    /// Refuses paths whose steps would be unstable. A stretch that rises is longer than the spacing,
+    /// and so are its steps.
     ///
     /// # Errors
     /// [`MillingError::Unstable`] says how many substeps are needed.
     pub fn check_stability(&self, path: &BeamPath) -> Result<(), MillingError> {
-        let longest = path.dwell_s_mm.iter().copied().fold(0.0, f64::max);
-        let process = Process { footprint: self.kernel.footprint.clone(), law: self.law };
-        let (cell_um, spacing_um) = (self.grid.cell_um, path.spacing_um);
-        let courant = courant(&process, cell_um, spacing_um, longest) / self.substeps as f64;
+        if self.kernel.slope.is_none() {
+            return Ok(());
+        }
+        self.check_courant(path.largest_dose_s(&self.law))
+    }
+
+    /// Refuses a dose, s, that the substeps do not divide into stable steps.
+    pub(crate) fn check_courant(&self, dose_s: f64) -> Result<(), MillingError> {
+        let whole = self.courant_per_s() * dose_s;
+        let courant = whole / self.substeps as f64;
         if courant <= MAX_COURANT * (1.0 + 1e-9) {
             return Ok(());
         }
-        let substeps = Self::stable_substeps(&process, cell_um, spacing_um, longest);
+        let substeps = substeps_for(whole / MAX_COURANT);
         Err(MillingError::Unstable { courant, limit: MAX_COURANT, substeps })
+    }
+
+    /// Courant number of a step for each second of its dose.
+    pub(crate) fn courant_per_s(&self) -> f64 {
+        courant_per_s(&self.kernel.footprint, &self.law, self.grid.cell_um)
     }
 
     /// The grid.
@@ -188,10 +171,10 @@ impl Simulator {
     /// The objective of the surface that `path` makes of `start_um`, and its gradient by the
     /// discrete adjoint.
     ///
-    /// Where slopes matter, the first passes record the derivatives of their steps, as far as
-    /// [`MAX_TAPE_VALUES`] go; of the others the rows that they touch are kept from before, so that
-    /// the backward run can repeat them. Memory grows as passes × rows under the beam × columns, not
-    /// with the number of steps. `memory` may be used again and saves making it.
+    /// Where slopes matter, the first passes record the factor f of each cell and step, as far as
+    /// [`crate::MAX_TAPE_VALUES`] go; of the others the rows that they touch are kept from before, so
+    /// that the backward run can repeat them. Memory grows as passes × rows under the beam × columns,
+    /// not with the number of steps. `memory` may be used again and saves making it.
     ///
     /// # Errors
     /// As [`Simulator::mill`]; [`MillingError::WrongLength`] for an objective on another grid.
@@ -203,52 +186,20 @@ impl Simulator {
         memory: &mut GradientMemory,
     ) -> Result<Gradient, MillingError> {
         self.check(path, start_um)?;
-        self.grid.check_len("target_um", objective.target_um())?;
-        let mut depth_um = start_um.to_vec();
-        let mut scratch = Scratch::new(self.kernel.window.side);
-        let (mut steps, mut by_step) = (Vec::new(), Vec::new());
-        let mut kept: Vec<Kept> = Vec::with_capacity(path.passes());
-        let mut used = 0;
-        for pass in 0..path.passes() {
-            path.steps(pass, self.substeps, &self.law, &mut steps);
-            let length = self.kernel.tape_len(steps.len());
-            let all_taped = matches!(kept.last(), None | Some(Kept::Tape(_)));
-            if all_taped && used + length <= MAX_TAPE_VALUES {
-                let tape = memory.range(used, length);
-                self.kernel.apply_taped(&steps, &mut depth_um, tape, &mut scratch);
-                kept.push(Kept::Tape(used));
-                used += length;
-            } else {
-                let cells = self.cells_touched(&steps);
-                kept.push(Kept::Band(cells.clone(), depth_um[cells].to_vec()));
-                self.kernel.apply(&steps, &mut depth_um, &mut scratch);
-            }
-        }
         let mut gradient = Gradient {
-            objective: objective.value_of(&depth_um),
+            objective: 0.0,
             dwell: vec![0.0; path.y_um.len()],
             y: vec![0.0; path.y_um.len()],
-            depth_um: depth_um.clone(),
+            depth_um: Vec::new(),
         };
-        let mut adjoint = objective.derivative(&depth_um);
-        for (pass, kept) in kept.into_iter().enumerate().rev() {
-            path.steps(pass, self.substeps, &self.law, &mut steps);
-            let length = self.kernel.tape_len(steps.len());
-            let tape = match kept {
-                Kept::Tape(start) => memory.range(start, length),
-                Kept::Band(cells, band) => {
-                    // Taped passes come before all of these and do not need the depth.
-                    let tape = memory.range(used, length);
-                    depth_um[cells.clone()].copy_from_slice(&band);
-                    self.kernel.apply_taped(&steps, &mut depth_um, tape, &mut scratch);
-                    depth_um[cells].copy_from_slice(&band);
-                    tape
-                }
-            };
-            self.kernel.apply_transpose(&steps, tape, &mut adjoint, &mut by_step, &mut scratch);
-            Self::add_to_controls(path, pass, &steps, &by_step, &mut gradient);
-        }
-        Ok(gradient)
+        let run = AdjointRun { simulator: self, start_um, objective, memory };
+        let steps_of = |pass: usize, steps: &mut Vec<BeamStep>| {
+            path.steps(pass, self.substeps, &self.law, steps);
+        };
+        let end = run.run(path.passes(), steps_of, |pass, steps, by_step| {
+            Self::add_to_controls(path, pass, steps, by_step, &mut gradient);
+        })?;
+        Ok(Gradient { objective: end.objective, depth_um: end.depth_um, ..gradient })
     }
 
     /// How the surface after `path` changes with a small change of the controls: the derivative in
@@ -321,7 +272,7 @@ impl Simulator {
         for pass in 0..path.passes() {
             path.steps(pass, self.substeps, &self.law, &mut steps);
             let (adjoint, by_step) = (&mut adjoint, &mut by_step);
-            self.kernel.apply_transpose(&steps, &mut [], adjoint, by_step, &mut scratch);
+            self.kernel.apply_transpose(&steps, &[], &mut [], adjoint, by_step, &mut scratch);
             for (step, by_step) in steps.iter().zip(by_step) {
                 let stretch = pass * segments + step.point;
                 effects[stretch].first += step.dose_s * by_step.dose;
@@ -356,17 +307,6 @@ impl Simulator {
         }
     }
 
-    /// The cells of the rows that the steps change.
-    fn cells_touched(&self, steps: &[BeamStep]) -> Range<usize> {
-        let rows = steps.iter().map(|step| self.kernel.window.corner(step).0);
-        let (low, high) =
-            rows.fold((usize::MAX, 0), |(low, high), row| (low.min(row), high.max(row)));
-        if low == usize::MAX {
-            return 0..0;
-        }
-        low * self.grid.columns..(high + self.kernel.window.side) * self.grid.columns
-    }
-
     fn check(&self, path: &BeamPath, depth_um: &[f64]) -> Result<(), MillingError> {
         self.grid.check_len("depth_um", depth_um)?;
         path.validate()?;
@@ -384,8 +324,12 @@ impl Simulator {
     }
 }
 
-/// Courant number of a step as long as the spacing.
-fn courant(process: &Process, cell_um: f64, spacing_um: f64, longest_dwell_s_mm: f64) -> f64 {
-    let dose_s = spacing_um * 1e-3 * process.law.dose_s_mm(longest_dwell_s_mm);
-    dose_s * process.footprint.peak_um_s() * process.law.steepest_per_rad() / cell_um
+/// Courant number of a step for each second of its dose.
+pub(crate) fn courant_per_s(footprint: &Footprint, law: &RemovalLaw, cell_um: f64) -> f64 {
+    footprint.peak_um_s() * law.steepest_per_rad() / cell_um
+}
+
+/// The least number of substeps, at least 1. Rounding must not turn an exact fit into one more.
+pub(crate) fn substeps_for(least: f64) -> usize {
+    ((least * (1.0 - 1e-9)).ceil() as usize).max(1)
 }

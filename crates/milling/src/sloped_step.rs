@@ -19,28 +19,13 @@ pub(crate) struct SlopeKernel {
     /// Coefficients of θ and θ², sign included.
     first: f64,
     second: f64,
+    /// 1 or −1, the sign of both.
+    sign: f64,
     smoothing_square: f64,
     /// arctan ε.
     flat_rad: f64,
     /// 1/(2 × side of a cell), 1/µm.
     half_per_cell: f64,
-}
-
-/// What the adjoint of a step needs to know: F, W E ∂F/∂p/(2Δ) and W E ∂F/∂q/(2Δ) over the window.
-#[derive(Debug)]
-pub(crate) struct StepTape<'a> {
-    pub(crate) factors: &'a mut [f64],
-    pub(crate) along_x: &'a mut [f64],
-    pub(crate) along_y: &'a mut [f64],
-}
-
-impl<'a> StepTape<'a> {
-    /// The tape of a window of `side` × `side` cells in `cells`, which has 3 values for each.
-    pub(crate) fn new(cells: &'a mut [f64], side: usize) -> Self {
-        let (factors, rest) = cells.split_at_mut(side * side);
-        let (along_x, along_y) = rest.split_at_mut(side * side);
-        Self { factors, along_x, along_y }
-    }
 }
 
 impl SlopeKernel {
@@ -49,6 +34,7 @@ impl SlopeKernel {
         Self {
             first: sign * law.first_per_rad,
             second: sign * law.second_per_rad2,
+            sign,
             smoothing_square: law.smoothing * law.smoothing,
             flat_rad: arctan(law.smoothing),
             half_per_cell: 0.5 / cell_um,
@@ -73,6 +59,17 @@ impl SlopeKernel {
         let factor = 1.0 + angle * (self.first + angle * self.second);
         let slope = (self.first + 2.0 * angle * self.second) / (steepness * (1.0 + square));
         if factor > 0.0 { (factor, slope) } else { (0.0, 0.0) }
+    }
+
+    /// G of the slopes p and q, where F = `factor` is known: the derivative of F with respect to the
+    /// angle is ± √(a₁² ∓ 4 a₂ (1 − F)), so that no arctangent is needed.
+    #[inline(always)]
+    fn slope_of_factor(&self, factor: f64, p: f64, q: f64) -> f64 {
+        let square = p * p + q * q + self.smoothing_square;
+        let steepest = self.first * self.first - 4.0 * self.second * (1.0 - factor);
+        let steepest = if steepest > 0.0 { steepest } else { 0.0 };
+        let slope = self.sign * (steepest / square).sqrt() / (1.0 + square);
+        if factor > 0.0 { slope } else { 0.0 }
     }
 }
 
@@ -120,7 +117,7 @@ pub(crate) fn apply<R: Radial>(
     add_window(window, row, column, &scratch.first, depth);
 }
 
-/// As [`apply`], writing what [`apply_transpose`] needs to `tape`.
+/// As [`apply`], writing F over the window to `factors`: all that [`apply_transpose`] needs.
 #[inline(always)]
 pub(crate) fn apply_taped<R: Radial>(
     window: &BeamWindow,
@@ -129,7 +126,7 @@ pub(crate) fn apply_taped<R: Radial>(
     step: &BeamStep,
     depth: &mut [f64],
     scratch: &mut Scratch,
-    tape: &mut StepTape<'_>,
+    factors: &mut [f64],
 ) {
     let (row, column) = window.corner(step);
     window.fill_columns(radial, step, column, scratch);
@@ -139,32 +136,32 @@ pub(crate) fn apply_taped<R: Radial>(
         let (above, middle, below) = neighbours(depth, window, row + k, column);
         let (squares, axes) = (&scratch.squares_um2[..side], &scratch.axes[..side]);
         let removed = &mut scratch.first[k * side..][..side];
-        let factors = &mut tape.factors[k * side..][..side];
-        let along_x = &mut tape.along_x[k * side..][..side];
-        let along_y = &mut tape.along_y[k * side..][..side];
+        let factors = &mut factors[k * side..][..side];
         for i in 0..side {
             let p = (middle[i + 2] - middle[i]) * law.half_per_cell;
             let q = (below[i] - above[i]) * law.half_per_cell;
             let rate = radial.rate(across.square_um2 + squares[i], axes[i], across.axis);
-            let (factor, slope) = law.factor_and_slope(p, q);
-            let scaled = step.dose_s * rate * slope * law.half_per_cell;
+            let factor = law.factor(p, q);
             removed[i] = step.dose_s * rate * factor;
             factors[i] = factor;
-            along_x[i] = scaled * p;
-            along_y[i] = scaled * q;
         }
     }
     add_window(window, row, column, &scratch.first, depth);
 }
 
 /// The transpose of [`apply_tangent`]: turns the adjoint field after the step into the one before,
-/// and returns what a change of the step does to the objective.
+/// and returns what a change of the step does to the objective. `factors` are those that
+/// [`apply_taped`] wrote; `depth` is the surface after the step, and becomes the one before it, but
+/// for rounding.
 #[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "a step, its record, and the fields of both")]
 pub(crate) fn apply_transpose<R: Radial>(
     window: &BeamWindow,
     radial: R,
+    law: &SlopeKernel,
     step: &BeamStep,
-    tape: &StepTape<'_>,
+    factors: &[f64],
+    depth: &mut [f64],
     adjoint: &mut [f64],
     scratch: &mut Scratch,
 ) -> StepGradient {
@@ -175,22 +172,33 @@ pub(crate) fn apply_transpose<R: Radial>(
     let (side, columns) = (window.side, window.grid.columns);
     for k in 0..side {
         let across = window.row(radial, step, row + k);
-        let cells = &adjoint[(row + k) * columns + column..][..side];
+        let start = (row + k) * columns + column;
+        let (cells, surface) = (&adjoint[start..][..side], &mut depth[start..][..side]);
         let (squares, axes) = (&scratch.squares_um2[..side], &scratch.axes[..side]);
         let (dose, y) = (&mut scratch.dose_sums[..side], &mut scratch.y_sums[..side]);
-        let factors = &tape.factors[k * side..][..side];
-        let along_x = &tape.along_x[k * side..][..side];
-        let along_y = &tape.along_y[k * side..][..side];
-        let first = &mut scratch.first[k * side..][..side];
-        let second = &mut scratch.second[k * side..][..side];
+        let factors = &factors[k * side..][..side];
+        let effects = &mut scratch.first[k * side..][..side];
         for i in 0..side {
             let (rate, slope) =
                 radial.rate_and_slope(across.square_um2 + squares[i], axes[i], across.axis);
             let weighted = cells[i] * factors[i];
             dose[i] += weighted * rate;
             y[i] += weighted * slope * across.distance_um;
-            first[i] = cells[i] * along_x[i];
-            second[i] = cells[i] * along_y[i];
+            surface[i] -= step.dose_s * rate * factors[i];
+            effects[i] = cells[i] * (step.dose_s * rate * law.half_per_cell);
+        }
+    }
+    for k in 0..side {
+        let (above, middle, below) = neighbours(depth, window, row + k, column);
+        let factors = &factors[k * side..][..side];
+        let first = &mut scratch.first[k * side..][..side];
+        let second = &mut scratch.second[k * side..][..side];
+        for i in 0..side {
+            let p = (middle[i + 2] - middle[i]) * law.half_per_cell;
+            let q = (below[i] - above[i]) * law.half_per_cell;
+            let effect = first[i] * law.slope_of_factor(factors[i], p, q);
+            first[i] = effect * p;
+            second[i] = effect * q;
         }
     }
     for k in 0..side {

@@ -105,7 +105,7 @@ pub struct Solution {
 }
 
 impl MillingJob {
-    /// Finds the passes that mill the target from flat ground.
+    /// Finds the passes that mill the target from [`MillingJob::start_um`].
     ///
     /// `progress` is called after every iteration; when it answers [`ControlFlow::Break`] the best
     /// passes so far are returned, with [`Solution::partial`] set.
@@ -117,7 +117,7 @@ impl MillingJob {
         options: &SolveOptions,
         progress: &mut dyn FnMut(&SolveProgress) -> ControlFlow<()>,
     ) -> Result<Solution, MillingError> {
-        self.solve_from(&vec![0.0; self.grid().len()], self.layers(), options, progress)
+        self.solve_from(self.start_um(), self.layers(), options, progress)
     }
 
     /// As [`MillingJob::solve`], from the surface `start_um` with `layers` layers left, as after
@@ -349,7 +349,12 @@ impl Smooth for Controls<'_> {
         self.set(x);
         let objective = self.job.objective();
         let simulator = self.job.simulator();
-        let found = simulator.gradient(&self.path, self.start_um, objective, &mut self.memory)?;
+        let found = match simulator.gradient(&self.path, self.start_um, objective, &mut self.memory)
+        {
+            // A free pass may be so much longer than its line that its steps would be unstable.
+            Err(MillingError::Unstable { .. }) => return Ok(f64::INFINITY),
+            other => other?,
+        };
         self.latest.set(objective.tracking_error(&found.depth_um)?.percent);
         let law = &self.job.profile().process.law;
         let reach_um = self.job.profile().process.footprint.reach_um();

@@ -162,26 +162,26 @@ proptest! {
 
 #[test]
 fn passes_beyond_the_tape_are_repeated_exactly() {
-    // Points so close that the derivatives of all steps are more than the tape holds.
+    // Points so close that the records of all steps are more than the tape holds.
     let process = &processes()[0];
     let grid = Grid::new(40, 1200, 25.0).unwrap();
     let layout = RasterLayout {
         first_x_um: 320.0,
-        spacing_um: 3.0,
-        points: 9000,
+        spacing_um: 1.1,
+        points: 25_000,
         first_y_um: 470.0,
         pitch_um: 30.0,
         passes: 4,
     };
     let path = BeamPath::raster(&layout, 0.02).unwrap();
     let simulator = Simulator::new(grid, process, 1).unwrap();
-    let cells: usize = 9000 * 4 * 3 * 20 * 20;
+    let cells: usize = 25_000 * 4 * 20 * 20;
     assert!(cells > lasergym_milling::MAX_TAPE_VALUES);
     let objective = Objective::new(grid, vec![5.0; grid.len()], 0..40, 0..1200).unwrap();
     let start_um = vec![0.0; grid.len()];
     let memory = &mut GradientMemory::default();
     let adjoint = simulator.gradient(&path, &start_um, &objective, memory).unwrap();
-    for (k, h) in [(4500, 2e-3), (13_500, 2e-3), (22_500, 2e-3), (31_500, 2e-3)] {
+    for (k, h) in [(12_500, 2e-3), (37_500, 2e-3), (62_500, 2e-3), (87_500, 2e-3)] {
         let difference = central_difference(h, |h| {
             let mut path = path.clone();
             path.dwell_s_mm[k] += h;

@@ -1,6 +1,7 @@
 //! Environments that step together.
 
 use lasergym_ablation::{Action, Batch, BatchOptions, Environment, StepRecord};
+use lasergym_batch::Batched;
 use numpy::ndarray::{Array1, Array2};
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -21,7 +22,7 @@ type ProgressArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>);
 
 /// Episodes that a step finished, as arrays of shape (n,): (finished, success, return, length).
-type EpisodeArrays<'py> = (
+pub(crate) type EpisodeArrays<'py> = (
     Bound<'py, PyArray1<bool>>,
     Bound<'py, PyArray1<bool>>,
     Bound<'py, PyArray1<f64>>,
@@ -48,8 +49,9 @@ impl NativeBatch {
             threads: usize::try_from(threads)
                 .map_err(|_| option_error("threads", threads, "at least 1"))?,
         };
-        let batch =
-            Batch::new(settings.task()?, settings.options()?, options).map_err(ablation_error)?;
+        let environment =
+            Environment::new(settings.task()?, settings.options()?).map_err(ablation_error)?;
+        let batch = Batch::new(environment, options).map_err(ablation_error)?;
         Ok(Self { batch })
     }
 
@@ -106,25 +108,25 @@ impl NativeBatch {
 
     /// Rewards of the last step, shape (n,).
     fn rewards<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.gather(py, |record| record.reward)
+        gather(py, &self.batch, |record| record.reward)
     }
 
     /// Terminations of the last step, shape (n,).
     fn terminated<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
-        self.gather(py, |record| record.terminated)
+        gather(py, &self.batch, |record| record.terminated)
     }
 
     /// Truncations of the last step, shape (n,).
     fn truncated<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
-        self.gather(py, |record| record.truncated)
+        gather(py, &self.batch, |record| record.truncated)
     }
 
     /// Progress of the episodes that the observations show.
     fn progress<'py>(&self, py: Python<'py>) -> ProgressArrays<'py> {
         (
-            self.gather(py, |record| record.progress.machined_fraction),
-            self.gather(py, |record| record.progress.off_target_fraction),
-            self.gather(py, |record| i64::from(record.progress.pulses)),
+            gather(py, &self.batch, |record| record.progress.machined_fraction),
+            gather(py, &self.batch, |record| record.progress.off_target_fraction),
+            gather(py, &self.batch, |record| i64::from(record.progress.pulses)),
         )
     }
 
@@ -132,21 +134,18 @@ impl NativeBatch {
     fn final_progress<'py>(&self, py: Python<'py>) -> ProgressArrays<'py> {
         let finished = |record: &StepRecord| record.finished.map(|episode| episode.progress);
         (
-            self.gather(py, |record| finished(record).map_or(0.0, |p| p.machined_fraction)),
-            self.gather(py, |record| finished(record).map_or(0.0, |p| p.off_target_fraction)),
-            self.gather(py, |record| finished(record).map_or(0, |p| i64::from(p.pulses))),
+            gather(py, &self.batch, |record| finished(record).map_or(0.0, |p| p.machined_fraction)),
+            gather(py, &self.batch, |record| {
+                finished(record).map_or(0.0, |p| p.off_target_fraction)
+            }),
+            gather(py, &self.batch, |record| finished(record).map_or(0, |p| i64::from(p.pulses))),
         )
     }
 
     /// Episodes that the last step finished, as arrays of shape (n,), 0 elsewhere:
     /// (finished, success, return, length).
     fn finished<'py>(&self, py: Python<'py>) -> EpisodeArrays<'py> {
-        (
-            self.gather(py, |record| record.finished.is_some()),
-            self.gather(py, |record| record.finished.is_some_and(|episode| episode.is_success)),
-            self.gather(py, |record| record.finished.map_or(0.0, |e| e.episode_return)),
-            self.gather(py, |record| record.finished.map_or(0, |e| i64::from(e.length))),
-        )
+        finished(py, &self.batch)
     }
 
     /// The last pulse of every episode as it landed, shape (n, 3): x, y, radius, px; NaN before the
@@ -178,18 +177,30 @@ impl NativeBatch {
     }
 }
 
-impl NativeBatch {
-    /// One value of every record, shape (n,).
-    fn gather<'py, T: Element>(
-        &self,
-        py: Python<'py>,
-        value: impl Fn(&StepRecord) -> T,
-    ) -> Bound<'py, PyArray1<T>> {
-        self.batch.records().map(value).collect::<Array1<T>>().into_pyarray(py)
-    }
+/// One value of every record, shape (n,).
+pub(crate) fn gather<'py, E: Batched, T: Element>(
+    py: Python<'py>,
+    batch: &lasergym_batch::Batch<E>,
+    value: impl Fn(&lasergym_batch::StepRecord<E::Progress>) -> T,
+) -> Bound<'py, PyArray1<T>> {
+    batch.records().map(value).collect::<Array1<T>>().into_pyarray(py)
+}
+
+/// Episodes that the last step finished, as arrays of shape (n,), 0 elsewhere:
+/// (finished, success, return, length).
+pub(crate) fn finished<'py, E: Batched>(
+    py: Python<'py>,
+    batch: &lasergym_batch::Batch<E>,
+) -> EpisodeArrays<'py> {
+    (
+        gather(py, batch, |record| record.finished.is_some()),
+        gather(py, batch, |record| record.finished.as_ref().is_some_and(|e| e.is_success)),
+        gather(py, batch, |record| record.finished.as_ref().map_or(0.0, |e| e.episode_return)),
+        gather(py, batch, |record| record.finished.as_ref().map_or(0, |e| i64::from(e.length))),
+    )
 }
 
 /// The error of a buffer that something else is writing to.
-fn borrowed(error: numpy::BorrowError) -> PyErr {
+pub(crate) fn borrowed(error: numpy::BorrowError) -> PyErr {
     exception("ShapeError", format!("the observation buffer cannot be written: {error}"))
 }

@@ -1,6 +1,7 @@
 //! Errors of the crates as exceptions of `lasergym.errors`.
 
 use lasergym_ablation::AblationError;
+use lasergym_batch::BatchError;
 use lasergym_geom::DrawingError;
 use lasergym_machine::{CalibrationError, JobError};
 use lasergym_plan::PlanError;
@@ -40,6 +41,11 @@ pub(crate) fn ablation_error(error: AblationError) -> PyErr {
         AblationError::Threads { .. } => "ThreadsError",
     };
     exception(class, error.to_string())
+}
+
+/// The exception of a [`BatchError`].
+pub(crate) fn batch_error(error: BatchError) -> PyErr {
+    ablation_error(error.into())
 }
 
 /// The exception of a [`DrawingError`].

@@ -14,6 +14,7 @@ mod machine;
 mod machine_drivers;
 mod machine_rig;
 mod milling;
+mod milling_environment;
 mod pictures;
 mod planners;
 mod policy;
@@ -45,6 +46,8 @@ mod _native {
     use crate::milling::{
         NativeMillingJob, calibrate_trenches, depths_of_heights, read_heights, shipped_profiles,
     };
+    #[pymodule_export]
+    use crate::milling_environment::{NativeMillingBatch, NativeMillingEnvironment, random_relief};
     #[pymodule_export]
     use crate::pictures::{NativeTrajectoryPicture, gif};
     #[pymodule_export]

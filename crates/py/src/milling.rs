@@ -3,15 +3,16 @@
 use std::ops::ControlFlow;
 
 use lasergym_milling::{
-    BeamPath, DepthMap, HeightFormat, HeightMap, HeightScale, JobOptions, MillingError, MillingJob,
-    Profile, SolveOptions, SolveProgress, SolveStage, TrackingError, calibrate, read_trenches,
+    BeamPath, DepthMap, GradientMemory, HeightFormat, HeightMap, HeightScale, JobOptions,
+    MillingError, MillingJob, Profile, SolveOptions, SolveProgress, SolveStage, TrackingError,
+    calibrate, read_trenches,
 };
 use lasergym_toolpath::{PassGcodeOptions, write_passes_csv, write_passes_gcode};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::errors::{exception, option_error, toolpath_error};
+use crate::errors::{batch_error, exception, option_error, toolpath_error};
 
 /// y (µm), dwell (s/mm), both of shape (passes, points), and beam on, shape (passes, points − 1).
 type Controls<'py> =
@@ -51,6 +52,33 @@ impl SolveSettings {
     }
 }
 
+/// Passes as Python hands them over.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct GivenPasses<'py> {
+    first_x_um: f64,
+    spacing_um: f64,
+    y_um: PyReadonlyArray2<'py, f64>,
+    dwell_s_mm: PyReadonlyArray2<'py, f64>,
+    beam_on: PyReadonlyArray2<'py, bool>,
+}
+
+impl GivenPasses<'_> {
+    fn path(&self) -> BeamPath {
+        BeamPath {
+            first_x_um: self.first_x_um,
+            spacing_um: self.spacing_um,
+            points: self.y_um.shape()[1],
+            y_um: self.y_um.as_array().iter().copied().collect(),
+            dwell_s_mm: self.dwell_s_mm.as_array().iter().copied().collect(),
+            beam_on: self.beam_on.as_array().iter().copied().collect(),
+        }
+    }
+}
+
+/// Objective, µm⁴; its derivatives with respect to dwell and to y, shape (passes, points).
+type GradientParts<'py> = (f64, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
 /// A target, a process and the raster that covers it.
 #[pyclass(name = "MillingJob", module = "lasergym._native", frozen)]
 pub(crate) struct NativeMillingJob {
@@ -66,19 +94,31 @@ impl NativeMillingJob {
         pixel_um: f64,
         profile: &str,
         layers: Option<i64>,
+        measured_um: Option<PyReadonlyArray2<'_, f64>>,
     ) -> PyResult<Self> {
-        let shape = depth_um.shape();
-        let depths = depth_um.as_array().iter().copied().collect();
-        let target = DepthMap::new(shape[0], shape[1], pixel_um, depths).map_err(milling_error)?;
+        let map = |depths: &PyReadonlyArray2<'_, f64>, pixel_um: f64| {
+            let shape = depths.shape();
+            let values = depths.as_array().iter().copied().collect();
+            DepthMap::new(shape[0], shape[1], pixel_um, values).map_err(milling_error)
+        };
+        let target = map(&depth_um, pixel_um)?;
         let profile = Profile::from_toml(profile).map_err(milling_error)?;
         let layers = layers
             .map(|layers| {
                 usize::try_from(layers).map_err(|_| option_error("layers", layers, "at least 1"))
             })
             .transpose()?;
-        let job =
-            MillingJob::new(&target, profile, JobOptions { layers }).map_err(milling_error)?;
-        Ok(Self { job })
+        let options = JobOptions { layers };
+        let job = match measured_um {
+            None => MillingJob::new(&target, profile, options),
+            Some(measured_um) => {
+                // The surface covers the target, whatever the size of its pixels.
+                let width_um = pixel_um * depth_um.shape()[1] as f64;
+                let measured = map(&measured_um, width_um / measured_um.shape()[1] as f64)?;
+                MillingJob::continued(&target, &measured, profile, options)
+            }
+        };
+        Ok(Self { job: job.map_err(milling_error)? })
     }
 
     /// (layers, first x µm, spacing µm, pixel µm, passes of a layer).
@@ -100,8 +140,8 @@ impl NativeMillingJob {
 
     /// The pixel-by-pixel passes.
     fn pixel_by_pixel<'py>(&self, py: Python<'py>) -> PyResult<Controls<'py>> {
-        let start = vec![0.0; self.job.grid().len()];
-        let path = self.job.pixel_by_pixel(&start, self.job.layers()).map_err(milling_error)?;
+        let (start, layers) = (self.job.start_um(), self.job.layers());
+        let path = self.job.pixel_by_pixel(start, layers).map_err(milling_error)?;
         controls(py, &path)
     }
 
@@ -109,12 +149,10 @@ impl NativeMillingJob {
     fn simulate<'py>(
         &self,
         py: Python<'py>,
-        y_um: PyReadonlyArray2<'_, f64>,
-        dwell_s_mm: PyReadonlyArray2<'_, f64>,
-        beam_on: PyReadonlyArray2<'_, bool>,
+        passes: GivenPasses<'_>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Errors)> {
-        let path = self.path(&y_um, &dwell_s_mm, &beam_on);
-        let mut depth_um = vec![0.0; self.job.grid().len()];
+        let path = passes.path();
+        let mut depth_um = self.job.start_um().to_vec();
         py.detach(|| self.job.simulator().mill(&path, &mut depth_um)).map_err(milling_error)?;
         let error = self.job.objective().tracking_error(&depth_um).map_err(milling_error)?;
         Ok((self.on_target(py, &depth_um)?, errors(&error)))
@@ -159,14 +197,29 @@ impl NativeMillingJob {
         ))
     }
 
-    /// (machining time, exposure), s.
-    fn times_s(
+    /// The objective of the surface that passes leave, µm⁴, and its derivatives with respect to dwell
+    /// and y of each point, shape (passes, points).
+    fn gradient<'py>(
         &self,
-        y_um: PyReadonlyArray2<'_, f64>,
-        dwell_s_mm: PyReadonlyArray2<'_, f64>,
-        beam_on: PyReadonlyArray2<'_, bool>,
-    ) -> PyResult<(f64, f64)> {
-        let path = self.path(&y_um, &dwell_s_mm, &beam_on);
+        py: Python<'py>,
+        passes: GivenPasses<'_>,
+    ) -> PyResult<GradientParts<'py>> {
+        let path = passes.path();
+        let found = py
+            .detach(|| {
+                let memory = &mut GradientMemory::default();
+                let (start_um, objective) = (self.job.start_um(), self.job.objective());
+                self.job.simulator().gradient(&path, start_um, objective, memory)
+            })
+            .map_err(milling_error)?;
+        let (dwell, y) = (found.dwell, found.y);
+        Ok((found.objective, array(py, path.points, dwell)?, array(py, path.points, y)?))
+    }
+
+    /// (machining time, exposure), s.
+    #[staticmethod]
+    fn times_s(passes: GivenPasses<'_>) -> PyResult<(f64, f64)> {
+        let path = passes.path();
         path.validate().map_err(milling_error)?;
         Ok((path.machining_time_s(), path.exposure_s()))
     }
@@ -174,13 +227,11 @@ impl NativeMillingJob {
     /// The passes as CSV and as a GRBL program.
     fn programs(
         &self,
-        y_um: PyReadonlyArray2<'_, f64>,
-        dwell_s_mm: PyReadonlyArray2<'_, f64>,
-        beam_on: PyReadonlyArray2<'_, bool>,
+        passes: GivenPasses<'_>,
         power_s: f64,
         origin_mm: (f64, f64),
     ) -> PyResult<(String, String)> {
-        let path = self.path(&y_um, &dwell_s_mm, &beam_on);
+        let path = passes.path();
         path.validate().map_err(milling_error)?;
         let passes = path.machine_passes();
         let grid = self.job.target().grid();
@@ -198,23 +249,6 @@ impl NativeMillingJob {
 }
 
 impl NativeMillingJob {
-    fn path(
-        &self,
-        y_um: &PyReadonlyArray2<'_, f64>,
-        dwell_s_mm: &PyReadonlyArray2<'_, f64>,
-        beam_on: &PyReadonlyArray2<'_, bool>,
-    ) -> BeamPath {
-        let layout = self.job.layout();
-        BeamPath {
-            first_x_um: layout.first_x_um,
-            spacing_um: layout.spacing_um,
-            points: y_um.shape()[1],
-            y_um: y_um.as_array().iter().copied().collect(),
-            dwell_s_mm: dwell_s_mm.as_array().iter().copied().collect(),
-            beam_on: beam_on.as_array().iter().copied().collect(),
-        }
-    }
-
     fn on_target<'py>(
         &self,
         py: Python<'py>,
@@ -325,11 +359,16 @@ fn errors(error: &TrackingError) -> Errors {
 }
 
 /// The exception of a [`MillingError`].
-fn milling_error(error: MillingError) -> PyErr {
+pub(crate) fn milling_error(error: MillingError) -> PyErr {
+    if let MillingError::Batch(error) = error {
+        return batch_error(error);
+    }
     let class = match &error {
         MillingError::InvalidOption { .. } | MillingError::UnknownProfile { .. } => "OptionError",
         MillingError::EmptyTarget => "EmptyTargetError",
+        MillingError::ActionNotFinite { .. } => "ActionNotFiniteError",
         MillingError::TargetValue { .. }
+        | MillingError::MeasuredSize { .. }
         | MillingError::TooDeep { .. }
         | MillingError::TooShallow { .. }
         | MillingError::HeightFormat { .. }

@@ -18,7 +18,7 @@ from lasergym.cli.output import (
 )
 from lasergym.comparison import CompareOptions, Comparison, Progress, PulseBudget
 from lasergym.comparison import compare as run_comparison
-from lasergym.comparison.columns import DEFAULT_PLANNERS
+from lasergym.comparison.columns import default_planners
 from lasergym.comparison.tasks import TaskName
 from lasergym.errors import OptionError
 
@@ -37,7 +37,7 @@ def compare(
         list[str] | None,
         option(
             "--task",
-            help="star, rotated-star, random-shapes, or folder DIR; may be repeated. "
+            help="star, rotated-star, random-shapes, milling, or folder DIR; may be repeated. "
             "Default: star, or the folders where given.",
         ),
     ] = None,
@@ -50,16 +50,29 @@ def compare(
     shapes: Annotated[
         int, option("--shapes", help="Random shapes in each of the 7 area classes.")
     ] = 100,
+    reliefs: Annotated[
+        int, option("--reliefs", help="Random depth maps of the task milling.")
+    ] = 10,
+    process: Annotated[
+        str, option("--process", help="Process of the task milling, or a TOML profile.")
+    ] = "laser-graphite",
     max_pulses: Annotated[
         str | None,
         option(
             "--max-pulses",
-            help="Pulse budget, like 45 or area/125. Default: 45, random shapes area/125.",
+            help="Pulse budget, like 45 or area/125. "
+            "Default: 45, random shapes area/125, milling 200.",
         ),
     ] = None,
     planners: Annotated[
-        str, option("--planners", help="Columns, separated by commas.", panel=_EFFORT)
-    ] = ",".join(DEFAULT_PLANNERS),
+        str | None,
+        option(
+            "--planners",
+            help="Columns, separated by commas. Default: raster to cma-es; for milling "
+            "pixel-by-pixel and adjoint.",
+            panel=_EFFORT,
+        ),
+    ] = None,
     anneal_s: Annotated[
         float, option("--anneal-s", help="Time of anneal on a target, s.", panel=_EFFORT)
     ] = 1.0,
@@ -124,7 +137,11 @@ def compare(
         folders=given,
         angles=angles,
         shapes=shapes,
-        planners=tuple(name.strip() for name in planners.split(",")),
+        reliefs=reliefs,
+        process=process,
+        planners=default_planners(tasks)
+        if planners is None
+        else tuple(name.strip() for name in planners.split(",")),
         max_pulses=None if max_pulses is None else PulseBudget.parse(max_pulses),
         anneal_s=anneal_s,
         cma_es_s=cma_es_s,

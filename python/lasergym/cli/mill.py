@@ -27,7 +27,9 @@ _MACHINE = "Machine"
 def mill(
     target: Annotated[
         Path,
-        typer.Argument(metavar="TARGET", help="Heights: a .npy, .asc, .dem, .png or .stl file."),
+        typer.Argument(
+            metavar="TARGET", help="Heights: a .npy, .asc, .dem, .png, .tif or .stl file."
+        ),
     ],
     output: Annotated[
         Path | None,
@@ -68,6 +70,22 @@ def mill(
         int,
         option("--free-iterations", help="And on free passes; 0: straight.", panel=_SOLVER),
     ] = 30,
+    measured: Annotated[
+        Path | None,
+        option(
+            "--measured",
+            help="Go on from this surface (depths in µm, such as a .npy); --layers are those left.",
+            panel=_SOLVER,
+        ),
+    ] = None,
+    one_layer: Annotated[
+        bool,
+        option(
+            "--one-layer",
+            help="Write the passes of the first layer only: mill it, measure, go on.",
+            panel=_MACHINE,
+        ),
+    ] = False,
     power: Annotated[
         float, option("--power", help="Power, as the word S of GRBL.", panel=_MACHINE)
     ] = 1000.0,
@@ -103,6 +121,7 @@ def mill(
             pixel_um=side_um,
             process=process,
             layers=layers,
+            measured_um=None if measured is None else milling.load_heights(measured),
             iterations=iterations,
             free_iterations=free_iterations,
             progress=lambda fraction, error: bar.show(fraction, f"error {error:.2f} %"),
@@ -110,11 +129,12 @@ def mill(
     report = {
         "target": str(target),
         "process": process,
+        "measured": None if measured is None else str(measured),
         **result.as_dict(),
         "version": lasergym.__version__,
     }
     if output is not None:
-        write_job(output, result, report, power=power)
+        write_job(output, result, report, power=power, layer=0 if one_layer else None)
     if as_json:
         print_json(report)
     else:
@@ -124,11 +144,19 @@ def mill(
         raise typer.Exit(1)
 
 
-def write_job(folder: Path, result: MillingResult, report: dict[str, Any], *, power: float) -> None:
+def write_job(
+    folder: Path,
+    result: MillingResult,
+    report: dict[str, Any],
+    *,
+    power: float,
+    layer: int | None,
+) -> None:
     """Writes passes, program, surface, error map, figures and report into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "passes.csv").write_text(result.to_csv(), encoding="utf-8")
-    (folder / "passes.nc").write_text(result.to_gcode(power_s=power), encoding="utf-8")
+    program = result.to_gcode(layer=layer, power_s=power)
+    (folder / "passes.csv").write_text(result.to_csv(layer=layer), encoding="utf-8")
+    (folder / "passes.nc").write_text(program, encoding="utf-8")
     np.save(folder / "surface_um.npy", result.depth_um)
     np.save(folder / "error_um.npy", result.depth_um - result.target_um)
     drawn = draw_figures(folder, result)

@@ -47,7 +47,8 @@ def draw_figures(folder: Path, result: MillingResult) -> tuple[str, ...]:
 
     sections = Figure(figsize=(9, 8), layout="constrained")
     x_mm = (np.arange(columns) + 0.5) * side_mm
-    for axes, part in zip(sections.subplots(4, 1, sharex=True), (0.2, 0.4, 0.6, 0.8), strict=True):
+    panels = sections.subplots(4, 1, sharex=True, sharey=True)
+    for axes, part in zip(panels, (0.2, 0.4, 0.6, 0.8), strict=True):
         row = min(int(part * rows), rows - 1)
         axes.plot(x_mm, -result.target_um[row], "k--", linewidth=1, label="target")
         axes.plot(x_mm, -result.depth_um[row], "C0", linewidth=1, label="predicted")

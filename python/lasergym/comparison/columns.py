@@ -1,8 +1,18 @@
 """The planners of Table 1: how their columns are headed, and what each of them can be told."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-__all__ = ["DEFAULT_PLANNERS", "PlannerColumn", "column_of"]
+from lasergym.milling import SPOT_PLANNERS
+from lasergym.planners import PLANNERS
+
+__all__ = [
+    "DEFAULT_PLANNERS",
+    "PlannerColumn",
+    "column_of",
+    "default_planners",
+    "planners_of",
+]
 
 
 @dataclass(frozen=True)
@@ -31,10 +41,24 @@ _COLUMNS = {
     "cma-es": PlannerColumn("CMA-ES", in_order=False, seeded=True, timed=True),
     "policy": PlannerColumn("policy"),
     "agent-mpc": PlannerColumn("agent-mpc", seeded=True),
+    "pixel-by-pixel": PlannerColumn("pixel by pixel"),
+    "adjoint": PlannerColumn("adjoint"),
 }
 
 DEFAULT_PLANNERS: tuple[str, ...] = ("raster", "raster-fine", "greedy", "anneal", "cma-es")
 """The columns of Table 1 from left to right."""
+
+
+def planners_of(task: str) -> tuple[str, ...]:
+    """The planners that can do a task: of spots for depth maps, of pulses for all others."""
+    return SPOT_PLANNERS if task == "milling" else PLANNERS
+
+
+def default_planners(tasks: Iterable[str]) -> tuple[str, ...]:
+    """The columns of a comparison of these tasks, where none are asked for."""
+    milling = [task == "milling" for task in tasks]
+    of_pulses = () if all(milling) else DEFAULT_PLANNERS
+    return (*of_pulses, *(SPOT_PLANNERS if any(milling) else ()))
 
 
 def column_of(planner: str) -> PlannerColumn:

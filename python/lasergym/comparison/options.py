@@ -7,9 +7,10 @@ from typing import get_args
 
 from lasergym import planners
 from lasergym.comparison.budget import PulseBudget
-from lasergym.comparison.columns import DEFAULT_PLANNERS, column_of
+from lasergym.comparison.columns import DEFAULT_PLANNERS, column_of, planners_of
 from lasergym.comparison.tasks import TaskName
 from lasergym.errors import OptionError
+from lasergym.milling import SPOT_PLANNERS
 from lasergym.policy import PolicyName, policy_file
 
 __all__ = ["CompareOptions", "Effort"]
@@ -51,9 +52,11 @@ class CompareOptions:
         folders: Folders of drawings, for the task ``"folder"``.
         angles: Number of angles of the rotated star, spread evenly over the 360 integer degrees.
         shapes: Random shapes in each area class, from 1 to 20 000 (as many as in the paper).
-        planners: Columns of the table.
-        max_pulses: Pulse budget of all targets. None: ceil(area / 125) for random shapes and 45
-            for all others.
+        reliefs: Random depth maps of the task ``"milling"``, from 1 to 20 000.
+        process: Process of the task ``"milling"``: the name of a shipped profile or of a file.
+        planners: Columns of the table; a planner does the tasks that it can.
+        max_pulses: Pulse or spot budget of all targets. None: ceil(area / 125) for random shapes,
+            200 for depth maps and 45 for all others.
         anneal_s: Time of ``"anneal"`` on a target, s, in (0, 86 400].
         cma_es_s: Time of ``"cma-es"`` on a target, s, in (0, 86 400].
         anneal_iterations: Instead of the time, Metropolis moves of ``"anneal"``, at least 1; then
@@ -68,6 +71,8 @@ class CompareOptions:
     folders: tuple[Path, ...] = ()
     angles: int = 360
     shapes: int = 100
+    reliefs: int = 10
+    process: str = "laser-graphite"
     planners: tuple[str, ...] = DEFAULT_PLANNERS
     max_pulses: PulseBudget | None = None
     anneal_s: float = 1.0
@@ -84,13 +89,22 @@ class CompareOptions:
             OptionError: A name is unknown or given twice, or a figure is outside its range.
         """
         _check_names("task", self.tasks, get_args(TaskName))
-        _check_names("planner", self.planners, planners.PLANNERS)
+        _check_names("planner", self.planners, (*planners.PLANNERS, *SPOT_PLANNERS))
+        for task in self.tasks:
+            if not set(planners_of(task)) & set(self.planners):
+                names = ", ".join(planners_of(task))
+                raise OptionError(f"no planner is given for the task {task}; choose from {names}")
+        for planner in self.planners:
+            if all(planner not in planners_of(task) for task in self.tasks):
+                raise OptionError(f"the planner {planner!r} does none of the tasks")
         if ("folder" in self.tasks) != bool(self.folders):
             raise OptionError("the task folder needs a folder of drawings, as in --task folder DIR")
         if not 1 <= self.angles <= 360:
             raise OptionError(f"angles is {self.angles}, but must be from 1 to 360")
         if not 1 <= self.shapes <= _MAX_SHAPES:
             raise OptionError(f"shapes is {self.shapes}, but must be from 1 to {_MAX_SHAPES}")
+        if not 1 <= self.reliefs <= _MAX_SHAPES:
+            raise OptionError(f"reliefs is {self.reliefs}, but must be from 1 to {_MAX_SHAPES}")
         for name, budget_s in (("anneal_s", self.anneal_s), ("cma_es_s", self.cma_es_s)):
             if not (math.isfinite(budget_s) and 0 < budget_s <= _MAX_BUDGET_S):
                 raise OptionError(
@@ -117,7 +131,7 @@ class CompareOptions:
         Raises:
             PolicyError: The file cannot be read.
         """
-        if not set(planners.LEARNED_PLANNERS) & set(self.planners):
+        if not set(planners.LEARNED_PLANNERS) & set(self.planners) & set(planners_of(task)):
             return None
         return policy_file(self.policy or _SHIPPED_FOR.get(task, "random-shape"))
 

@@ -16,7 +16,7 @@ from lasergym.comparison.options import CompareOptions
 from lasergym.comparison.statistics import group_rows
 from lasergym.comparison.store import ResultStore
 from lasergym.comparison.table import ResultTable
-from lasergym.comparison.tasks import TaskTarget, task_targets
+from lasergym.comparison.tasks import MILLING, TaskTarget, task_targets
 from lasergym.comparison.work import Row, WorkItem, work_items
 from lasergym.errors import OptionError
 
@@ -100,7 +100,8 @@ def compare(
     if pictures:
         figures.require_matplotlib()
     targets = list(task_targets(options))
-    chosen = trajectories.choose_targets(targets, shown)
+    drawn = [made for made in targets if made.task != MILLING]
+    chosen = trajectories.choose_targets(drawn, shown) if drawn or shown else []
     folder = Path(output)
     if folder.exists() and not folder.is_dir():
         raise OptionError(f"{folder} is a file: give a folder with -o")
@@ -124,7 +125,8 @@ def compare(
     files[1].write_text(table.csv(), encoding="utf-8")
     if pictures:
         files += figures.draw_figures(folder, rows, options.planners)
-        files += trajectories.draw_trajectories(folder, chosen, rows, options.planners)
+        if chosen:
+            files += trajectories.draw_trajectories(folder, chosen, rows, options.planners)
     return Comparison(rows, table, tuple(files))
 
 
@@ -163,6 +165,7 @@ def _settings(options: CompareOptions, targets: Sequence[TaskTarget]) -> dict[st
     timed = [planner for planner in options.planners if column_of(planner).timed]
     tasks = list(dict.fromkeys(made.task for made in targets))
     files = {task: options.policy_file(task) for task in tasks}
+    spots = "200" if options.max_pulses is None else str(options.max_pulses)
     policies = {task: _content_digest(file) for task, file in files.items() if file is not None}
     return {
         "tasks": tasks,
@@ -175,6 +178,7 @@ def _settings(options: CompareOptions, targets: Sequence[TaskTarget]) -> dict[st
         "seed": options.seed,
         "version": lasergym.__version__,
         **({"policies": policies} if policies else {}),
+        **({"process": options.process, "spots": spots} if MILLING in tasks else {}),
     }
 
 

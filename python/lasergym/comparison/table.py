@@ -9,6 +9,7 @@ from typing import Any
 
 from lasergym.comparison.columns import column_of
 from lasergym.comparison.statistics import MEASURES, Group, Measure, PairedWins, Summary
+from lasergym.comparison.tasks import MILLING
 
 __all__ = ["ResultTable", "WinMatrix"]
 
@@ -18,6 +19,11 @@ _REMARKS = (
     "Seconds are the time of one planner on one thread, while as many others ran beside it as the "
     "run had workers.",
     "Raster scans use as many pulses as their grid has cells, whatever the budget.",
+)
+
+_MILLING_REMARK = (
+    "Of depth maps (milling), percentages are of the target's volume, and the reward is the fall "
+    "of the tracking error: what is removed above the target less what is removed below it."
 )
 
 _PUBLISHED = {
@@ -167,7 +173,9 @@ class ResultTable:
                 ),
             )
         lines += self._markdown_wins()
-        lines += ["## Remarks", "", *(f"- {remark}" for remark in _REMARKS), ""]
+        milled = any(group.name == MILLING for group in self.groups)
+        remarks = (*_REMARKS, _MILLING_REMARK) if milled else _REMARKS
+        lines += ["## Remarks", "", *(f"- {remark}" for remark in remarks), ""]
         lines += ["## Settings", ""]
         lines += [f"- {name}: {_setting(value)}" for name, value in self.settings.items()]
         return "\n".join(lines) + "\n"

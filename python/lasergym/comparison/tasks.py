@@ -11,6 +11,7 @@ import numpy as np
 from lasergym import targets
 from lasergym.comparison.budget import PulseBudget
 from lasergym.errors import DrawingError, OptionError, TargetError
+from lasergym.milling import Surface, full_scale_um, random_relief
 from lasergym.targets import Target
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AREA_CLASSES_PX",
     "FIRST_HELD_OUT_SEED",
+    "MILLING",
     "RANDOM_SHAPES",
     "ROTATED_STAR",
     "TaskName",
@@ -28,18 +30,20 @@ __all__ = [
     "task_targets",
 ]
 
-TaskName: TypeAlias = Literal["star", "rotated-star", "random-shapes", "folder"]
-"""Sections 3.1, 3.2 and 3.3 of Xie et al. (2022), and a folder of drawings."""
+TaskName: TypeAlias = Literal["star", "rotated-star", "random-shapes", "folder", "milling"]
+"""Sections 3.1, 3.2 and 3.3 of Xie et al. (2022), a folder of drawings, and random depth maps."""
 
 ROTATED_STAR: TaskName = "rotated-star"
 RANDOM_SHAPES: TaskName = "random-shapes"
+MILLING: TaskName = "milling"
 
 AREA_CLASSES_PX: tuple[tuple[int, int], ...] = tuple(pairwise(range(3000, 6501, 500)))
 """The seven area classes of Xie et al. (2022), Fig. 6 b: (least, below) of each, px."""
 
 FIRST_HELD_OUT_SEED = 2_000_000_000
-"""Random shapes of this and later seeds serve evaluation only."""
+"""Random shapes and reliefs of this and later seeds serve evaluation only."""
 
+_MAX_SPOTS = 200
 _ENDINGS = (".png", ".jpg", ".jpeg", ".svg", ".dxf")
 
 
@@ -50,24 +54,26 @@ class TaskTarget:
     Attributes:
         task: Name of the task; drawings have the task ``folder:NAME``.
         name: Name of the target within its task, such as ``star:30`` or ``random-shape:7``.
-        target: Boolean array of shape (100, 100).
-        max_pulses: Most pulses that may be used.
+        target: Boolean array of shape (100, 100); of the task ``"milling"`` depths in µm.
+        max_pulses: Most pulses, or spots, that may be used.
     """
 
     task: str
     name: str
-    target: Target
+    target: Target | Surface
     max_pulses: int
 
     @property
     def area_px(self) -> int:
-        """Area of the target, px."""
-        return int(self.target.sum())
+        """Area of the target, px; of a depth map the whole workpiece."""
+        return self.target.size if self.task == MILLING else int(self.target.sum())
 
     @property
     def bits(self) -> bytes:
-        """The target as 1250 bytes, eight pixels in each, row by row."""
-        return np.packbits(self.target).tobytes()
+        """The target row by row: eight pixels a byte, or a depth in eight bytes."""
+        if self.task == MILLING:
+            return self.target.tobytes()
+        return np.packbits(self.target > 0).tobytes()
 
 
 def task_targets(options: "CompareOptions") -> Iterator[TaskTarget]:
@@ -90,6 +96,12 @@ def task_targets(options: "CompareOptions") -> Iterator[TaskTarget]:
             budget = options.max_pulses or PulseBudget(pulses=None, area_per_pulse_px=125.0)
             for seed, target in _random_shapes(options.shapes):
                 yield _made(task, f"random-shape:{seed}", target, budget)
+        elif task == MILLING:
+            budget = options.max_pulses or PulseBudget(pulses=_MAX_SPOTS)
+            for seed in range(FIRST_HELD_OUT_SEED, FIRST_HELD_OUT_SEED + options.reliefs):
+                relief = random_relief(seed, depth_um=full_scale_um(options.process))
+                spots = budget.pulses_for(relief.size)
+                yield TaskTarget(task, f"relief:{seed}", relief, spots)
         else:
             yield from _drawings(options.folders, options.max_pulses or PulseBudget())
 

@@ -53,7 +53,10 @@ def choose_targets(targets: Sequence[TaskTarget], shown: Sequence[str]) -> list[
     if shown:
         for name in shown:
             if all(name != made.name for made in targets):
-                raise OptionError(f"no target is named {name!r}: names are like {targets[0].name}")
+                example = (
+                    f": names are like {targets[0].name}" if targets else " that has a picture"
+                )
+                raise OptionError(f"no target is named {name!r}{example}")
         return [made for made in targets if made.name in shown]
     chosen: list[TaskTarget] = []
     for task in dict.fromkeys(made.task for made in targets):
@@ -120,7 +123,7 @@ class _Cell:
             xy_px = xy_px[shortest_order(xy_px)]
         pulses = np.hstack([xy_px, radius_px])
         self.picture = _native.TrajectoryPicture(
-            made.target, pulses, _PICTURE_PX, False, False, None
+            made.target > 0, pulses, _PICTURE_PX, False, False, None
         )
 
 

@@ -8,10 +8,10 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
-from lasergym import planners
-from lasergym.comparison.columns import column_of
+from lasergym import milling, planners
+from lasergym.comparison.columns import column_of, planners_of
 from lasergym.comparison.options import CompareOptions, Effort
-from lasergym.comparison.tasks import TaskTarget
+from lasergym.comparison.tasks import MILLING, TaskTarget
 from lasergym.errors import LasergymError, PlanError
 from lasergym.planners import PlannerName
 from lasergym.policy import Policy
@@ -41,8 +41,9 @@ class WorkItem:
         seed: Seed of the planner, whether it takes one or not.
         max_pulses: Most pulses that may be used.
         effort: How long the planner works.
-        bits: The target, eight pixels a byte, row by row; 1250 bytes.
+        bits: The target, see :attr:`TaskTarget.bits`.
         policy: Content of the policy file, for ``"policy"`` and ``"agent-mpc"``.
+        process: Profile that mills, for the task ``"milling"``.
     """
 
     task: str
@@ -53,6 +54,7 @@ class WorkItem:
     effort: Effort
     bits: bytes
     policy: bytes | None = None
+    process: str | None = None
 
     @property
     def key(self) -> ItemKey:
@@ -113,7 +115,8 @@ class Row:
 def work_items(options: CompareOptions, made: TaskTarget) -> Iterator[WorkItem]:
     """The items of one target, a planner each."""
     policy = options.policy_file(made.task)
-    for planner in options.planners:
+    process = options.process if made.task == MILLING else None
+    for planner in (one for one in options.planners if one in planners_of(made.task)):
         yield WorkItem(
             made.task,
             made.name,
@@ -123,6 +126,7 @@ def work_items(options: CompareOptions, made: TaskTarget) -> Iterator[WorkItem]:
             options.effort(planner),
             made.bits,
             policy if planner in planners.LEARNED_PLANNERS else None,
+            process,
         )
 
 
@@ -150,6 +154,8 @@ def run_item(item: WorkItem, stop: Callable[[], bool] | None = None) -> Row | No
     Raises:
         PlanError: The planner refuses the target or its settings.
     """
+    if item.process is not None:
+        return _mill(item, item.process, stop)
     column = column_of(item.planner)
     settings: dict[str, Any] = {"max_pulses": item.max_pulses, "pulse_radius_px": PULSE_RADIUS_PX}
     if column.seeded:
@@ -181,4 +187,37 @@ def run_item(item: WorkItem, stop: Callable[[], bool] | None = None) -> Row | No
         plan.reward,
         plan.elapsed_s,
         tuple((x_px, y_px) for x_px, y_px in plan.xy_px.tolist()),
+    )
+
+
+def _mill(item: WorkItem, process: str, stop: Callable[[], bool] | None) -> Row | None:
+    """As :func:`run_item`, for a depth map."""
+    target_um = np.frombuffer(item.bits, np.float64).reshape(SIZE_PX, SIZE_PX)
+    try:
+        plan = milling.plan_spots(
+            target_um,
+            cast("milling.SpotPlannerName", item.planner),
+            progress=None if stop is None else lambda _fraction: stop(),
+            process=process,
+            max_spots=item.max_pulses,
+            tolerance_percent=0.0,
+        )
+    except LasergymError as error:
+        raise PlanError(f"{item.planner} on {item.target} ({item.task}): {error}") from error
+    if plan.partial:
+        return None
+    xy_px = plan.xy_um * (SIZE_PX / plan.side_um)
+    return Row(
+        item.task,
+        item.target,
+        item.planner,
+        item.seed,
+        target_um.size,
+        item.max_pulses,
+        plan.spots,
+        plan.machined_fraction,
+        plan.off_target_fraction,
+        plan.reward,
+        plan.elapsed_s,
+        tuple((x_px, y_px) for x_px, y_px in xy_px.tolist()),
     )

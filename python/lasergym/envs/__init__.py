@@ -7,7 +7,15 @@ from lasergym.envs.ablation import (
     RotatedStarEnv,
     StarEnv,
 )
-from lasergym.envs.registration import ABLATION_IDS, REMOTE_IDS, register_environments
+from lasergym.envs.milling import MillingEnv, MillingVectorEnv
+from lasergym.envs.native_vector import NativeVectorEnv
+from lasergym.envs.registration import (
+    ABLATION_IDS,
+    ENVIRONMENT_IDS,
+    MILLING_IDS,
+    REMOTE_IDS,
+    register_environments,
+)
 from lasergym.envs.remote_scan import RemoteScanEnv
 from lasergym.envs.remote_vector import RemoteScanVectorEnv
 from lasergym.envs.vector import (
@@ -20,9 +28,14 @@ from lasergym.envs.vector import (
 
 __all__ = [
     "ABLATION_IDS",
+    "ENVIRONMENT_IDS",
+    "MILLING_IDS",
     "REMOTE_IDS",
     "AblationEnv",
     "AblationVectorEnv",
+    "MillingEnv",
+    "MillingVectorEnv",
+    "NativeVectorEnv",
     "PatternEnv",
     "PatternVectorEnv",
     "RandomShapeEnv",

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import gymnasium as gym
 
-__all__ = ["ABLATION_IDS", "REMOTE_IDS", "register_environments"]
+__all__ = [
+    "ABLATION_IDS",
+    "ENVIRONMENT_IDS",
+    "MILLING_IDS",
+    "REMOTE_IDS",
+    "register_environments",
+]
 
 ABLATION_IDS = (
     "lasergym/Star-v0",
@@ -17,10 +23,16 @@ ABLATION_IDS = (
 REMOTE_IDS = ("lasergym/RemoteScan-v0",)
 """Ids of the environments of robot and scanner."""
 
+MILLING_IDS = ("lasergym/Milling-v0",)
+"""Ids of the depth-milling environments."""
+
+ENVIRONMENT_IDS = ABLATION_IDS + MILLING_IDS
+"""Ids of all environments."""
+
 
 def register_environments() -> None:
     """Registers every environment with its native vector version; a second call changes nothing."""
-    for env_id in (*ABLATION_IDS, *REMOTE_IDS):
+    for env_id in (*ENVIRONMENT_IDS, *REMOTE_IDS):
         if env_id not in gym.registry:
             name = env_id.removeprefix("lasergym/").removesuffix("-v0")
             gym.register(

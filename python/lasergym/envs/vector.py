@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from lasergym import _native
-from lasergym.envs.seeding import NativeSeeds, checked_mask
-from lasergym.envs.settings import (
-    MAX_COUNT,
-    ObservationMode,
-    Settings,
-    Task,
-    action_array,
-    batched_box,
-)
-from lasergym.errors import OptionError, RenderModeError, ShapeError
-from lasergym.options import integer_in
+from lasergym.envs.native_vector import NativeVectorEnv
+from lasergym.envs.settings import ObservationMode, Settings, Task
 from lasergym.render import Trajectory
 from lasergym.targets import Target, TargetLike, as_target
-
-if TYPE_CHECKING:
-    from lasergym.envs.settings import ImageSpace
 
 __all__ = [
     "AblationVectorEnv",
@@ -39,7 +24,7 @@ __all__ = [
 ]
 
 
-class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[Any]]):
+class AblationVectorEnv(NativeVectorEnv):
     """Many pulse-ablation environments of one task, equal to single ones bit for bit.
 
     ``gym.make_vec("lasergym/Star-v0", num_envs=1024)`` makes it. The arguments of the single
@@ -67,6 +52,9 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
     """
 
     task: ClassVar[Task]
+    settings: Settings
+    _batch: _native.Batch
+    progress_keys = ("machined_fraction", "off_target_fraction", "pulses")
 
     def __init__(
         self,
@@ -89,21 +77,6 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
     ) -> None:
         """Makes the environments; see the class for the arguments."""
         super().__init__()
-        if render_mode not in (None, "rgb_array"):
-            raise RenderModeError(
-                f'render_mode is {render_mode!r}, but vector environments have "rgb_array" only'
-            )
-        try:
-            self.autoreset_mode = AutoresetMode(autoreset_mode)
-        except ValueError as error:
-            names = ", ".join(f'"{mode.value}"' for mode in AutoresetMode)
-            raise OptionError(
-                f"autoreset_mode is {autoreset_mode!r}, but must be one of {names}"
-            ) from error
-        integer_in("num_envs", num_envs, 1, MAX_COUNT)
-        integer_in("threads", threads, 1, 1024)
-        if max_episode_steps is not None:
-            integer_in("max_episode_steps", max_episode_steps, 1, MAX_COUNT)
         self.settings = Settings(
             task=self.task,
             target=target,
@@ -115,121 +88,17 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
             radius_error=radius_error,
             stop_on_miss=stop_on_miss,
         )
-        self.metadata = {
-            "render_modes": ["rgb_array"],
-            "render_fps": 10,
-            "autoreset_mode": self.autoreset_mode,
-        }
-        self.num_envs = num_envs
-        self.render_mode = render_mode
-        self.single_observation_space = self.settings.observation_space()
-        self.single_action_space = self.settings.action_space()
-        self.action_space = batched_box(self.single_action_space, num_envs)
-        self.max_episode_steps = max_episode_steps
-        self.copy = copy
-        self.episode_statistics = episode_statistics
-        self._native = _native.Batch(
-            self.settings.as_native(),
-            num_envs,
-            self.autoreset_mode.value,
-            max_episode_steps,
-            threads,
+        self._make(
+            lambda *counts: _native.Batch(self.settings.as_native(), *counts),
+            num_envs=num_envs,
+            max_episode_steps=max_episode_steps,
+            autoreset_mode=autoreset_mode,
+            threads=threads,
+            copy=copy,
+            episode_statistics=episode_statistics,
+            render_mode=render_mode,
         )
-        shape = (num_envs, *self.single_observation_space.shape)
-        self._observations = np.zeros(shape, np.uint8)
-        same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
-        self._final_observations = np.zeros(shape, np.uint8) if same_step else None
-        self._seeds = NativeSeeds(num_envs)
-        self._started_s = np.zeros(num_envs)
         self._trajectories: list[Trajectory] = []
-
-    @cached_property
-    def observation_space(self) -> ImageSpace:  # type: ignore[override]  # made lazily
-        """The space of batched observations, made when first asked for."""
-        return batched_box(self.settings.observation_space(), self.num_envs)
-
-    def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
-        """Begins new episodes.
-
-        Args:
-            seed: Environment ``i`` gets ``seed + i``, or ``seed[i]`` from a sequence; without, the
-                streams go on. Each equals ``reset(seed=…)`` of a single environment.
-            options: ``{"reset_mask": mask}`` (Boolean array of shape (num_envs,)) resets only where
-                the mask is True. ``{"target": target}`` machines that target in these episodes; a
-                list of targets (or None) names one for each environment.
-
-        Returns:
-            The observations and infos.
-        """
-        options = options or {}
-        unknown = sorted(options.keys() - {"reset_mask", "target"})
-        if unknown:
-            raise OptionError(
-                f"unknown reset options {unknown}: there are `reset_mask` and `target`"
-            )
-        mask = checked_mask(options.get("reset_mask"), self.num_envs)
-        targets = self._targets(options.get("target"))
-        if isinstance(seed, (int, np.integer)):
-            self._np_random, self._np_random_seed = gym.utils.seeding.np_random(int(seed))
-        native_seeds = self._seeds.for_reset(seed, mask)
-        mask_list = None if mask is None else mask.tolist()
-        self._native.reset(native_seeds, mask_list, self._observations)
-        resets = np.ones(self.num_envs, np.bool_) if mask is None else mask
-        for index in np.flatnonzero(resets).tolist():
-            target = targets[index]
-            if target is not None:
-                self._native.reset_to(index, target, self._observations)
-        self._started_s[resets] = time.perf_counter()
-        self._begin_trajectories(resets)
-        return self._returned_observations(), self._progress_infos(resets)
-
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[
-        NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
-    ]:
-        """Fires one pulse in every environment.
-
-        Args:
-            actions: float32 of shape (num_envs, 2).
-
-        Returns:
-            Observations, rewards, terminations, truncations, infos.
-
-        Raises:
-            ActionError: Wrong shape or dtype, or a component that is not finite; nothing has
-                happened.
-            EpisodeOverError: An episode is over and nobody resets it; nothing has happened.
-        """
-        array = action_array(actions, (self.num_envs, 2))
-        self._native.step(array, self._observations, self._final_observations)
-        self._follow_pulses()
-        terminated, truncated = self._native.terminated(), self._native.truncated()
-        infos = self._progress_infos(np.ones(self.num_envs, np.bool_))
-        finished, success, episode_return, length = self._native.finished()
-        if finished.any():
-            self._add_final_infos(infos, finished, terminated, success)
-            if self.episode_statistics:
-                now_s = time.perf_counter()
-                infos["episode"] = {
-                    "r": episode_return,
-                    "l": length,
-                    "t": np.where(finished, now_s - self._started_s, 0.0),
-                }
-                infos["_episode"] = finished
-                self._started_s[finished] = now_s
-        return (
-            self._returned_observations(),
-            self._native.rewards(),
-            terminated,
-            truncated,
-            infos,
-        )
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A picture of every environment.
@@ -251,13 +120,13 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
 
     def remaining(self, index: int) -> Target:
         """Target pixels of one environment that are not machined yet, Boolean (100, 100)."""
-        return self._native.layers(index)[0]
+        return self._batch.layers(index)[0]
 
     def forbidden(self, index: int) -> Target:
         """Pristine pixels of one environment that must stay, Boolean (100, 100)."""
-        return self._native.layers(index)[1]
+        return self._batch.layers(index)[1]
 
-    def _begin_trajectories(self, where: NDArray[np.bool_]) -> None:
+    def _after_reset(self, where: NDArray[np.bool_]) -> None:
         """Begins the pictures of new episodes."""
         if self.render_mode is None:
             return
@@ -272,66 +141,19 @@ class AblationVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArra
             begun.get(index) or self._trajectories[index] for index in range(self.num_envs)
         ]
 
-    def _follow_pulses(self) -> None:
+    def _after_step(self) -> None:
         """Adds the pulses of the last step to the pictures."""
         if self.render_mode is None:
             return
-        pulses = self._native.last_pulses()
+        pulses = self._batch.last_pulses()
         begun = np.isnan(pulses[:, 0])
         for trajectory, pulse in zip(self._trajectories, pulses.tolist(), strict=True):
             trajectory.add(*pulse)
-        self._begin_trajectories(begun)
+        self._after_reset(begun)
 
-    def _targets(self, target: Any) -> list[Target | None]:
-        """The targets that a reset option names, one for each environment."""
-        if target is None:
-            return [None] * self.num_envs
-        if not isinstance(target, (list, tuple)):
-            return [as_target(target)] * self.num_envs
-        if len(target) != self.num_envs:
-            raise ShapeError(f"{len(target)} targets are given for {self.num_envs} environments")
-        return [None if one is None else as_target(one) for one in target]
-
-    def _returned_observations(self) -> NDArray[np.uint8]:
-        return self._observations.copy() if self.copy else self._observations
-
-    def _progress_infos(self, where: NDArray[np.bool_]) -> dict[str, Any]:
-        """Progress of the episodes that the observations show."""
-        infos: dict[str, Any] = {}
-        for key, values in zip(_PROGRESS_KEYS, self._native.progress(), strict=True):
-            infos[key] = values if where.all() else np.where(where, values, 0)
-            infos[f"_{key}"] = where.copy()
-        return infos
-
-    def _add_final_infos(
-        self,
-        infos: dict[str, Any],
-        finished: NDArray[np.bool_],
-        terminated: NDArray[np.bool_],
-        success: NDArray[np.bool_],
-    ) -> None:
-        """Adds what is known of the episodes that have just ended."""
-        if self._final_observations is None:
-            if terminated.any():
-                infos["is_success"] = success & terminated
-                infos["_is_success"] = terminated.copy()
-            return
-        final: dict[str, Any] = {}
-        for key, values in zip(_PROGRESS_KEYS, self._native.final_progress(), strict=True):
-            final[key] = values
-            final[f"_{key}"] = finished.copy()
-        if terminated.any():
-            final["is_success"] = success & terminated
-            final["_is_success"] = terminated.copy()
-        observations = np.zeros_like(self._final_observations)
-        observations[finished] = self._final_observations[finished]
-        infos["final_obs"] = observations
-        infos["_final_obs"] = finished.copy()
-        infos["final_info"] = final
-        infos["_final_info"] = finished.copy()
-
-
-_PROGRESS_KEYS = ("machined_fraction", "off_target_fraction", "pulses")
+    def _as_target(self, target: Any) -> Target:
+        """A target as the native batch takes it."""
+        return as_target(target)
 
 
 class StarVectorEnv(AblationVectorEnv):

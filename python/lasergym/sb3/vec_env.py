@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from lasergym.envs.native_vector import NativeVectorEnv
 from lasergym.envs.vector import AblationVectorEnv
 from lasergym.errors import MissingExtraError, OptionError
 
@@ -31,7 +32,7 @@ class EnvironmentView:
     Attributes that are set stay with the view and do not change the process.
     """
 
-    def __init__(self, venv: AblationVectorEnv, index: int) -> None:
+    def __init__(self, venv: NativeVectorEnv, index: int) -> None:
         """Views environment ``index`` of ``venv``."""
         self._venv = venv
         self.index = index
@@ -49,11 +50,16 @@ class EnvironmentView:
 
     def remaining(self) -> NDArray[np.bool_]:
         """Target pixels that are not machined yet, Boolean array of shape (100, 100)."""
-        return self._venv.remaining(self.index)
+        return self._ablation().remaining(self.index)
 
     def forbidden(self) -> NDArray[np.bool_]:
         """Pristine pixels that must stay, Boolean array of shape (100, 100)."""
-        return self._venv.forbidden(self.index)
+        return self._ablation().forbidden(self.index)
+
+    def _ablation(self) -> AblationVectorEnv:
+        if not isinstance(self._venv, AblationVectorEnv):
+            raise OptionError("only pulse-ablation environments have remaining pixels")
+        return self._venv
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture, uint8 of shape (400, 400, 3), with ``render_mode="rgb_array"``."""
@@ -69,7 +75,7 @@ class NativeVecEnv(VecEnv):
     ``t``). No ``VecMonitor`` is needed.
     """
 
-    def __init__(self, venv: AblationVectorEnv) -> None:
+    def __init__(self, venv: NativeVectorEnv) -> None:
         """Adapts ``venv``, whose autoreset mode must be ``SAME_STEP``."""
         if venv.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
             raise OptionError(
@@ -101,11 +107,11 @@ class NativeVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Takes the actions of the next step, shape (n, 2)."""
+        """Takes the actions of the next step, shape (n, length of one action)."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Fires one pulse in every environment.
+        """Does one step in every environment.
 
         Returns:
             Observations, rewards (float32), dones and infos.
@@ -198,7 +204,7 @@ def make_vec_env(
         autoreset_mode=AutoresetMode.SAME_STEP,
         **settings,
     )
-    if not isinstance(venv, AblationVectorEnv):
+    if not isinstance(venv, NativeVectorEnv):
         raise OptionError(f"{env_id!r} has no native vector version")
     adapter = NativeVecEnv(venv)
     adapter.seed(seed)

@@ -62,7 +62,10 @@ pub(super) struct Account {
     newer_frame: Option<FrameRecord>,
     /// Where commands were fired without a mark that was seen for certain.
     in_vain: Vec<Point>,
-    /// Whether the job has just been resumed without the end of its journal.
+    /// Whether nothing has been observed since the job was resumed: there may be marks of pulses that
+    /// the journal does not know.
+    just_resumed: bool,
+    /// Whether besides the end of its journal was damaged.
     pub(super) records_lost: bool,
 }
 
@@ -89,6 +92,7 @@ impl Account {
             last_frame: None,
             newer_frame: None,
             in_vain: Vec::new(),
+            just_resumed: false,
             records_lost: false,
         }
     }
@@ -133,6 +137,7 @@ impl Account {
             Record::Fault(fault) => self.faults.push(fault.clone()),
             Record::Resumed(resumed) => {
                 self.resumed += 1;
+                self.just_resumed = true;
                 self.records_lost = resumed.dropped_bytes > 0;
                 if self.end.take().is_some() {
                     // Somebody has looked after the laser.
@@ -212,8 +217,8 @@ impl Account {
                     let disc = self.state.machine(&Footprint::of(mark.disc()));
                     self.machined = self.machined + disc;
                 }
-                // Where records are missing, so may be pulses.
-                let several = self.records_lost || intent.origin == IntentOrigin::Recovered;
+                // A journal may also end too early where no record is cut in two.
+                let several = self.just_resumed || intent.origin == IntentOrigin::Recovered;
                 let pulses = if several { outcome.marks.len().max(1) } else { 1 };
                 (0..pulses).for_each(|_| self.state.count_pulse());
                 self.pulses += pulses;
@@ -241,7 +246,7 @@ impl Account {
                 }
             }
         }
-        self.records_lost = false;
+        (self.just_resumed, self.records_lost) = (false, false);
         if let Some(frame) = self.newer_frame.take() {
             self.last_frame = Some(frame);
         }

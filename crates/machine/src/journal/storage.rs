@@ -4,6 +4,8 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
+use fs4::{FileExt, TryLockError};
+
 use super::reader::MAX_JOURNAL_BYTES;
 use crate::JobError;
 
@@ -49,18 +51,20 @@ pub trait JobStorage: Send {
 
 /// A job in a folder: `journal.jsonl` and `frames/0000.png`, `frames/0001.png` and so on.
 ///
-/// Two processes must not work on one folder at a time.
+/// One process works on a folder at a time: it holds a lock on the file `lock`, which the system
+/// releases when the process ends in whatever way.
 #[derive(Debug)]
 pub struct JobFolder {
     path: PathBuf,
     journal: File,
+    _lock: File,
 }
 
 impl JobFolder {
     /// A folder for a job that is to begin; it is made where it is missing.
     ///
     /// # Errors
-    /// [`JobError::JobExists`], [`JobError::Storage`].
+    /// [`JobError::JobExists`], [`JobError::JobRuns`], [`JobError::Storage`].
     pub fn create(path: impl AsRef<Path>) -> Result<Self, JobError> {
         let path = path.as_ref();
         let failed = |source: io::Error| {
@@ -71,9 +75,11 @@ impl JobFolder {
             JobError::Storage { action: "create", path, source }
         };
         fs::create_dir_all(path.join("frames")).map_err(failed)?;
+        let lock = lock(path)?;
         let mut options = OpenOptions::new();
         let journal = options.append(true).create_new(true).open(journal_path(path));
-        let folder = Self { path: path.to_owned(), journal: journal.map_err(failed)? };
+        let journal = journal.map_err(failed)?;
+        let folder = Self { path: path.to_owned(), journal, _lock: lock };
         sync_folder(path).map_err(failed)?;
         Ok(folder)
     }
@@ -81,7 +87,7 @@ impl JobFolder {
     /// The folder of a job that was begun.
     ///
     /// # Errors
-    /// [`JobError::NoJob`], [`JobError::Storage`].
+    /// [`JobError::NoJob`], [`JobError::JobRuns`], [`JobError::Storage`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, JobError> {
         let path = path.as_ref();
         let journal = OpenOptions::new().append(true).open(journal_path(path));
@@ -93,7 +99,7 @@ impl JobFolder {
             }
             JobError::Storage { action: "open", path, source }
         })?;
-        Ok(Self { path: path.to_owned(), journal })
+        Ok(Self { path: path.to_owned(), journal, _lock: lock(path)? })
     }
 
     /// The folder.
@@ -105,6 +111,24 @@ impl JobFolder {
 
 fn journal_path(folder: &Path) -> PathBuf {
     folder.join("journal.jsonl")
+}
+
+/// The lock on a job's folder.
+fn lock(folder: &Path) -> Result<File, JobError> {
+    let failed = |source: io::Error| {
+        let path = folder.display().to_string();
+        JobError::Storage { action: "lock", path, source }
+    };
+    let mut options = OpenOptions::new();
+    let options = options.write(true).create(true).truncate(false);
+    let file = options.open(folder.join("lock")).map_err(failed)?;
+    match FileExt::try_lock(&file) {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => {
+            Err(JobError::JobRuns { path: folder.display().to_string() })
+        }
+        Err(TryLockError::Error(source)) => Err(failed(source)),
+    }
 }
 
 /// Makes new names in a folder safe from a power loss.
@@ -177,6 +201,9 @@ mod tests {
         let mut job = JobFolder::create(&path).unwrap();
         job.append(b"one\n", true).unwrap();
         job.append(b"tw", false).unwrap();
+        assert!(matches!(JobFolder::create(&path), Err(JobError::JobRuns { .. })));
+        assert!(matches!(JobFolder::open(&path), Err(JobError::JobRuns { .. })));
+        drop(job);
         assert!(matches!(JobFolder::create(&path), Err(JobError::JobExists { .. })));
         let mut again = JobFolder::open(&path).unwrap();
         again.cut_journal(4).unwrap();

@@ -1,10 +1,7 @@
 //! The part of a batch that one thread steps.
 
-use crate::action::Action;
-use crate::environment::Phase;
-use crate::observation::{Eraser, Words};
-use crate::{Autoreset, BatchOptions, Environment, EpisodeStatistics, Footprint, StepRecord};
-use lasergym_geom::WORKPIECE_SIZE_PX;
+use crate::batched::{Batched, Landing};
+use crate::{Autoreset, BatchOptions, EpisodeStatistics, Phase, StepRecord};
 
 /// Environments of a share that is not divided further.
 const SMALLEST_SHARE: usize = 64;
@@ -17,27 +14,28 @@ pub(crate) struct Episode {
 }
 
 /// Consecutive environments of a batch with what belongs to them.
-#[derive(Debug)]
-pub(crate) struct Share<'a> {
-    pub(crate) options: BatchOptions,
+pub(crate) struct Share<'a, E: Batched> {
+    pub(crate) options: BatchOptions<E::Mode>,
+    /// Bytes of one observation.
+    pub(crate) observation_len: usize,
     /// Index of the first environment in the batch.
     pub(crate) first: usize,
-    pub(crate) environments: &'a mut [Environment],
+    pub(crate) environments: &'a mut [E],
     pub(crate) episodes: &'a mut [Episode],
-    pub(crate) records: &'a mut [StepRecord],
+    pub(crate) records: &'a mut [StepRecord<E::Progress>],
     pub(crate) observations: &'a mut [u8],
     /// As long as `observations`, or empty where no final observations are kept.
     pub(crate) final_observations: &'a mut [u8],
 }
 
-impl Share<'_> {
+impl<E: Batched> Share<'_, E> {
     /// Halves the share again and again and calls `work` for the parts, on the worker threads.
-    pub(crate) fn divide(self, work: &(impl Fn(Share) + Sync)) {
+    pub(crate) fn divide(self, work: &(impl Fn(Share<E>) + Sync)) {
         let half = self.environments.len() / 2;
         if half < SMALLEST_SHARE {
             return work(self);
         }
-        let len = half * self.options.observation.len();
+        let len = half * self.observation_len;
         let final_len = len.min(self.final_observations.len());
         let environments = self.environments.split_at_mut(half);
         let episodes = self.episodes.split_at_mut(half);
@@ -46,6 +44,7 @@ impl Share<'_> {
         let final_observations = self.final_observations.split_at_mut(final_len);
         let left = Share {
             options: self.options,
+            observation_len: self.observation_len,
             first: self.first,
             environments: environments.0,
             episodes: episodes.0,
@@ -55,6 +54,7 @@ impl Share<'_> {
         };
         let right = Share {
             options: self.options,
+            observation_len: self.observation_len,
             first: self.first + half,
             environments: environments.1,
             episodes: episodes.1,
@@ -76,21 +76,21 @@ impl Share<'_> {
         }
     }
 
-    /// Fires one pulse in every environment, or resets it. `actions` are those of the batch.
-    pub(crate) fn step(&mut self, actions: &[Action]) {
-        let BatchOptions { autoreset, observation: mode, .. } = self.options;
-        let mut footprint = Footprint::EMPTY;
-        let mut words: Words = [[0; 2]; WORKPIECE_SIZE_PX];
+    /// Does one step in every environment, or resets it. `actions` are those of the batch.
+    pub(crate) fn step(&mut self, actions: &[E::Action]) {
+        let Some(first) = self.environments.first() else { return };
+        let mut scratch = first.scratch();
         for k in 0..self.environments.len() {
             if self.episodes[k].phase != Phase::Running {
                 self.begin(k, None);
                 self.records[k] = StepRecord::of_reset(self.environments[k].progress());
                 continue;
             }
-            footprint.set(self.environments[k].aim(actions[self.first + k]));
-            self.land(k, &footprint, &mut words);
-            if self.episodes[k].phase == Phase::Over && autoreset == Autoreset::SameStep {
-                let observation = k * mode.len()..(k + 1) * mode.len();
+            self.act(k, actions[self.first + k], &mut scratch);
+            if self.episodes[k].phase == Phase::Over
+                && self.options.autoreset == Autoreset::SameStep
+            {
+                let observation = k * self.observation_len..(k + 1) * self.observation_len;
                 self.final_observations[observation.clone()]
                     .copy_from_slice(&self.observations[observation]);
                 self.begin(k, None);
@@ -101,35 +101,35 @@ impl Share<'_> {
 
     /// Begins an episode in environment `k` and writes its observation.
     fn begin(&mut self, k: usize, seed: Option<u64>) {
-        self.environments[k].reset(seed);
+        self.environments[k].begin(seed);
         self.episodes[k] = Episode { phase: Phase::Running, steps: 0 };
-        let mode = self.options.observation;
-        mode.write(&self.environments[k], &mut self.observations[k * mode.len()..][..mode.len()]);
+        let observation =
+            &mut self.observations[k * self.observation_len..][..self.observation_len];
+        self.environments[k].write_observation(self.options.observation, observation);
     }
 
-    /// Machines the footprint of the pulse that environment `k` has aimed, and writes what changed.
+    /// Does one step in environment `k` and writes what changed.
     #[inline]
-    fn land(&mut self, k: usize, footprint: &Footprint, words: &mut Words) {
+    fn act(&mut self, k: usize, action: E::Action, scratch: &mut E::Scratch) {
         let BatchOptions { observation: mode, max_episode_steps, .. } = self.options;
-        let observation = &mut self.observations[k * mode.len()..][..mode.len()];
+        let observation =
+            &mut self.observations[k * self.observation_len..][..self.observation_len];
         let environment = &mut self.environments[k];
-        let mut eraser = Eraser { mode, words, observation };
-        let landing = environment.land(footprint, &mut eraser);
-        mode.write_budget(environment, observation);
+        let Landing { reward, terminated } = environment.act(action, mode, observation, scratch);
         let episode = &mut self.episodes[k];
         episode.steps += 1;
         let truncated = max_episode_steps.is_some_and(|limit| episode.steps >= limit);
         if truncated {
             environment.truncate();
         }
-        let over = landing.terminated || truncated;
+        let over = terminated || truncated;
         if over {
             episode.phase = Phase::Over;
         }
         let progress = environment.progress();
         self.records[k] = StepRecord {
-            reward: landing.reward,
-            terminated: landing.terminated,
+            reward,
+            terminated,
             truncated,
             progress,
             finished: over.then(|| EpisodeStatistics {

@@ -1,0 +1,281 @@
+"""What native vector environments of all processes have in common."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from numpy.typing import NDArray
+
+from lasergym.envs.settings import MAX_COUNT, action_array, batched_box, native_seed
+from lasergym.errors import OptionError, RenderModeError, ShapeError
+from lasergym.options import integer_in
+
+if TYPE_CHECKING:
+    from lasergym.envs.settings import ActionSpace, ImageSpace
+
+__all__ = ["NativeVectorEnv"]
+
+
+class _Settings(Protocol):
+    """What the settings of a process know of its spaces."""
+
+    def observation_space(self) -> ImageSpace:
+        """The space of one observation."""
+
+    def action_space(self) -> ActionSpace:
+        """The space of one action."""
+
+
+class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[Any]]):
+    """Environments of one process, stepped by native code; the base of the vector environments."""
+
+    progress_keys: ClassVar[tuple[str, ...]]
+    """Names of the figures of progress in ``infos``, as the native batch orders them."""
+
+    settings: Any
+    _batch: Any
+
+    def _make(
+        self,
+        native: Callable[[int, str, int | None, int], Any],
+        *,
+        num_envs: int,
+        max_episode_steps: int | None,
+        autoreset_mode: AutoresetMode | str,
+        threads: int,
+        copy: bool,
+        episode_statistics: bool,
+        render_mode: str | None,
+    ) -> None:
+        """Checks the arguments that all vector environments share and makes the batch.
+
+        ``self.settings`` must be set; ``native`` makes the batch of (number, autoreset mode, step
+        limit, threads). See :class:`lasergym.envs.AblationVectorEnv` for the others.
+        """
+        if render_mode not in (None, "rgb_array"):
+            raise RenderModeError(
+                f'render_mode is {render_mode!r}, but vector environments have "rgb_array" only'
+            )
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError as error:
+            names = ", ".join(f'"{mode.value}"' for mode in AutoresetMode)
+            raise OptionError(
+                f"autoreset_mode is {autoreset_mode!r}, but must be one of {names}"
+            ) from error
+        integer_in("num_envs", num_envs, 1, MAX_COUNT)
+        integer_in("threads", threads, 1, 1024)
+        if max_episode_steps is not None:
+            integer_in("max_episode_steps", max_episode_steps, 1, MAX_COUNT)
+        self.metadata = {
+            "render_modes": ["rgb_array"],
+            "render_fps": 10,
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        settings: _Settings = self.settings
+        self.single_observation_space = settings.observation_space()
+        action_space = settings.action_space()
+        self.single_action_space = action_space
+        self.action_space = batched_box(action_space, num_envs)
+        self.max_episode_steps = max_episode_steps
+        self.copy = copy
+        self.episode_statistics = episode_statistics
+        self._batch = native(num_envs, self.autoreset_mode.value, max_episode_steps, threads)
+        self._action_shape = (num_envs, *action_space.shape)
+        shape = (num_envs, *self.single_observation_space.shape)
+        self._observations = np.zeros(shape, np.uint8)
+        same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
+        self._final_observations = np.zeros(shape, np.uint8) if same_step else None
+        self._generators: list[np.random.Generator] = []
+        self._started_s = np.zeros(num_envs)
+
+    def render_one(self, index: int) -> NDArray[np.uint8] | None:
+        """A picture of one environment, see :meth:`render`."""
+        raise NotImplementedError
+
+    def _as_target(self, target: Any) -> Any:
+        """A target as the native batch takes it."""
+        raise NotImplementedError
+
+    def _after_reset(self, where: NDArray[np.bool_]) -> None:
+        """Called when episodes have been begun by :meth:`reset`."""
+
+    def _after_step(self) -> None:
+        """Called when all environments have been stepped."""
+
+    @cached_property
+    def observation_space(self) -> ImageSpace:  # type: ignore[override]  # made lazily
+        """The space of batched observations, made when first asked for."""
+        return batched_box(self.settings.observation_space(), self.num_envs)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+        """Begins new episodes.
+
+        Args:
+            seed: Environment ``i`` gets ``seed + i``, or ``seed[i]`` from a sequence; without, the
+                streams go on. Each equals ``reset(seed=…)`` of a single environment.
+            options: ``{"reset_mask": mask}`` (Boolean array of shape (num_envs,)) resets only where
+                the mask is True. ``{"target": target}`` machines that target in these episodes; a
+                list of targets (or None) names one for each environment.
+
+        Returns:
+            The observations and infos.
+        """
+        options = options or {}
+        unknown = sorted(options.keys() - {"reset_mask", "target"})
+        if unknown:
+            raise OptionError(
+                f"unknown reset options {unknown}: there are `reset_mask` and `target`"
+            )
+        mask = self._reset_mask(options.get("reset_mask"))
+        targets = self._targets(options.get("target"))
+        native_seeds = self._native_seeds(seed, mask)
+        mask_list = None if mask is None else mask.tolist()
+        self._batch.reset(native_seeds, mask_list, self._observations)
+        resets = np.ones(self.num_envs, np.bool_) if mask is None else mask
+        for index in np.flatnonzero(resets).tolist():
+            target = targets[index]
+            if target is not None:
+                self._batch.reset_to(index, target, self._observations)
+        self._started_s[resets] = time.perf_counter()
+        self._after_reset(resets)
+        return self._returned_observations(), self._progress_infos(resets)
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[
+        NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
+    ]:
+        """Does one step in every environment.
+
+        Args:
+            actions: float32 of shape (num_envs, length of one action).
+
+        Returns:
+            Observations, rewards, terminations, truncations, infos.
+
+        Raises:
+            ActionError: Wrong shape or dtype, or a component that is not finite; nothing has
+                happened.
+            EpisodeOverError: An episode is over and nobody resets it; nothing has happened.
+        """
+        array = action_array(actions, self._action_shape)
+        self._batch.step(array, self._observations, self._final_observations)
+        self._after_step()
+        terminated, truncated = self._batch.terminated(), self._batch.truncated()
+        infos = self._progress_infos(np.ones(self.num_envs, np.bool_))
+        finished, success, episode_return, length = self._batch.finished()
+        if finished.any():
+            self._add_final_infos(infos, finished, terminated, success)
+            if self.episode_statistics:
+                now_s = time.perf_counter()
+                infos["episode"] = {
+                    "r": episode_return,
+                    "l": length,
+                    "t": np.where(finished, now_s - self._started_s, 0.0),
+                }
+                infos["_episode"] = finished
+                self._started_s[finished] = now_s
+        return (
+            self._returned_observations(),
+            self._batch.rewards(),
+            terminated,
+            truncated,
+            infos,
+        )
+
+    def _targets(self, target: Any) -> list[Any]:
+        """The targets that a reset option names, one for each environment."""
+        if target is None:
+            return [None] * self.num_envs
+        if not isinstance(target, (list, tuple)):
+            return [self._as_target(target)] * self.num_envs
+        if len(target) != self.num_envs:
+            raise ShapeError(f"{len(target)} targets are given for {self.num_envs} environments")
+        return [None if one is None else self._as_target(one) for one in target]
+
+    def _reset_mask(self, mask: Any) -> NDArray[np.bool_] | None:
+        """The mask that a reset option gives, checked."""
+        if mask is None:
+            return None
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+            raise ShapeError("reset_mask must be a Boolean NumPy array")
+        if mask.shape != (self.num_envs,):
+            raise ShapeError(f"reset_mask has shape {mask.shape}, but must be ({self.num_envs},)")
+        if not mask.any():
+            raise ShapeError("reset_mask has no True value: nothing would be reset")
+        return mask
+
+    def _native_seeds(
+        self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_] | None
+    ) -> list[int | None]:
+        """The seeds of the native streams, derived as a single environment derives them."""
+        if seed is None:
+            seeds: Sequence[int | None] = [None] * self.num_envs
+        elif isinstance(seed, (int, np.integer)):
+            seeds = range(int(seed), int(seed) + self.num_envs)
+            self._np_random, self._np_random_seed = gym.utils.seeding.np_random(int(seed))
+        else:
+            seeds = seed
+        if len(seeds) != self.num_envs:
+            raise ShapeError(f"{len(seeds)} seeds are given for {self.num_envs} environments")
+        if not self._generators:
+            self._generators = [gym.utils.seeding.np_random(one)[0] for one in seeds]
+            return [native_seed(generator) for generator in self._generators]
+        native: list[int | None] = [None] * self.num_envs
+        for index, one in enumerate(seeds):
+            if one is not None and (mask is None or mask[index]):
+                self._generators[index] = gym.utils.seeding.np_random(one)[0]
+                native[index] = native_seed(self._generators[index])
+        return native
+
+    def _returned_observations(self) -> NDArray[np.uint8]:
+        return self._observations.copy() if self.copy else self._observations
+
+    def _progress_infos(self, where: NDArray[np.bool_]) -> dict[str, Any]:
+        """Progress of the episodes that the observations show."""
+        infos: dict[str, Any] = {}
+        for key, values in zip(self.progress_keys, self._batch.progress(), strict=True):
+            infos[key] = values if where.all() else np.where(where, values, 0)
+            infos[f"_{key}"] = where.copy()
+        return infos
+
+    def _add_final_infos(
+        self,
+        infos: dict[str, Any],
+        finished: NDArray[np.bool_],
+        terminated: NDArray[np.bool_],
+        success: NDArray[np.bool_],
+    ) -> None:
+        """Adds what is known of the episodes that have just ended."""
+        if self._final_observations is None:
+            if terminated.any():
+                infos["is_success"] = success & terminated
+                infos["_is_success"] = terminated.copy()
+            return
+        final: dict[str, Any] = {}
+        for key, values in zip(self.progress_keys, self._batch.final_progress(), strict=True):
+            final[key] = values
+            final[f"_{key}"] = finished.copy()
+        if terminated.any():
+            final["is_success"] = success & terminated
+            final["_is_success"] = terminated.copy()
+        observations = np.zeros_like(self._final_observations)
+        observations[finished] = self._final_observations[finished]
+        infos["final_obs"] = observations
+        infos["_final_obs"] = finished.copy()
+        infos["final_info"] = final
+        infos["_final_info"] = finished.copy()
