@@ -440,3 +440,53 @@ def write_gcode(
     settling_s: float,
     feed_mm_min: float | None,
 ) -> str: ...
+
+_PostSettings: TypeAlias = dict[str, Any]
+
+def galvo_heads() -> list[tuple[str, str]]: ...
+def galvo_head(head: str) -> tuple[float, float, bool]: ...
+def galvo_postprocess(
+    head: str, job: str, program: str, settings: _PostSettings, dialect: str, power: float
+) -> int: ...
+def galvo_simulate(
+    head: str, program: str, map_px: int | None
+) -> tuple[
+    list[tuple[str, float]],
+    NDArray[np.float64],
+    tuple[float, float, float, float] | None,
+    tuple[NDArray[np.float32], bytes] | None,
+]: ...
+def galvo_calibrate(lines: str) -> tuple[str, list[list[float]]]: ...
+def galvo_identify(
+    trajectory: str, family: str
+) -> tuple[str, str, list[tuple[str, float, float]], float]: ...
+def galvo_test_pattern(
+    speeds_m_s: Sequence[float], length_um: float, repeats: int, spacing_um: float
+) -> str: ...
+def galvo_measure_line(
+    head: str, speed_m_s: float, length_um: float, angle_rad: float, tolerance: float
+) -> tuple[float, float]: ...
+def galvo_compensation(
+    head: str, method: str, speed_m_s: float, beam_um: float, tolerance: float
+) -> list[float]: ...
+def galvo_line_costs(
+    head: str,
+    line: Sequence[float],
+    scales: Sequence[float],
+    rows: Sequence[Sequence[float]],
+) -> list[float]: ...
+
+@final
+class GalvoLines:
+    def __new__(
+        cls,
+        environments: int,
+        noise_um: float,
+        edge_scale_um: float,
+        pitch_scale: float,
+        time_scale_us: float,
+    ) -> GalvoLines: ...
+    def reset(self, seeds: Sequence[int | None], mask: Sequence[bool] | None) -> None: ...
+    def observations(self) -> NDArray[np.float32]: ...
+    def baselines(self) -> NDArray[np.float32]: ...
+    def step(self, actions: NDArray[np.float32]) -> list[NDArray[np.float64]]: ...

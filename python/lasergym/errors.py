@@ -185,6 +185,10 @@ class DepthMapError(MillingError):
     """A depth map cannot be read or milled."""
 
 
+class GalvoError(LasergymError, ValueError):
+    """A scan head, its calibration, or a program for it cannot be used."""
+
+
 class RemoteError(LasergymError, ValueError):
     """A task for robot and scanner cannot be read or planned."""
 

@@ -10,6 +10,7 @@ mod disturbances;
 mod drawings;
 mod environment;
 mod errors;
+mod galvo;
 mod machine;
 mod machine_drivers;
 mod machine_rig;
@@ -38,6 +39,12 @@ mod _native {
     use crate::drawings::{load_drawing, target_png};
     #[pymodule_export]
     use crate::environment::NativeEnvironment;
+    #[pymodule_export]
+    use crate::galvo::{
+        NativeGalvoLines, galvo_calibrate, galvo_compensation, galvo_head, galvo_heads,
+        galvo_identify, galvo_line_costs, galvo_measure_line, galvo_postprocess, galvo_simulate,
+        galvo_test_pattern,
+    };
     #[pymodule_export]
     use crate::machine::{calibrate, run_machine};
     #[pymodule_export]

@@ -207,6 +207,61 @@ pub enum ToolpathError {
         line: usize,
     },
 
+    /// A line of a file that is read as a stream is too long.
+    #[error("line {line}: longer than {} bytes: break it", crate::MAX_LINE_BYTES)]
+    LineTooLong {
+        /// Number of the line.
+        line: usize,
+    },
+
+    /// A file that is read as a stream cannot be read on.
+    #[error("line {line}: the file cannot be read: {reason}")]
+    Unreadable {
+        /// Number of the line.
+        line: usize,
+        /// What the system says.
+        reason: String,
+    },
+
+    /// A cutter-location statement is not as the grammar has it.
+    #[error("line {line}, column {column}: {found:?} where {expected} is due")]
+    AptSyntax {
+        /// Number of the line.
+        line: usize,
+        /// Number of the character in the line.
+        column: usize,
+        /// The text there, shortened.
+        found: String,
+        /// What is accepted.
+        expected: &'static str,
+    },
+
+    /// A cutter-location word that is not known.
+    #[error("line {line}, column {column}: {word} is not supported: {accepted} are")]
+    AptUnsupported {
+        /// Number of the line.
+        line: usize,
+        /// Number of the character in the line.
+        column: usize,
+        /// The word, shortened.
+        word: String,
+        /// The words that are.
+        accepted: &'static str,
+    },
+
+    /// A G-code program that is read as vectors has something without meaning.
+    #[error("line {line}, column {column}: {found}: {expected}")]
+    GcodeVector {
+        /// Number of the line.
+        line: usize,
+        /// Number of the character in the line.
+        column: usize,
+        /// The word or text there, shortened.
+        found: String,
+        /// What is accepted.
+        expected: &'static str,
+    },
+
     /// Words follow the end of the program (M2 or M30).
     #[error(
         "line {line}: the program has ended (M2 or M30) and yet goes on: remove one or the other"

@@ -33,21 +33,33 @@ impl std::fmt::Display for Word {
 /// neither a comment nor a word.
 pub(crate) fn words(content: &str, line: usize) -> Result<Vec<Word>, ToolpathError> {
     let mut words = Vec::new();
-    let mut rest = content.trim_start();
-    while !rest.is_empty() && !rest.starts_with(';') {
-        if rest.starts_with('(') {
-            let (_, after) =
-                rest.split_once(')').ok_or(ToolpathError::GcodeOpenComment { line })?;
-            rest = after;
-        } else {
-            let (word, after) = first_word(rest)
-                .ok_or_else(|| ToolpathError::GcodeWord { line, found: shortened(rest) })?;
-            words.push(word);
-            rest = after;
-        }
-        rest = rest.trim_start();
+    let mut rest = content;
+    while let Some((word, _, after)) = next_word(rest, line)? {
+        words.push(word);
+        rest = after;
     }
     Ok(words)
+}
+
+/// The next word of `rest` behind blanks and comments, the text from the word on, and what follows it.
+///
+/// # Errors
+/// As [`words`].
+pub(crate) fn next_word(
+    rest: &str,
+    line: usize,
+) -> Result<Option<(Word, &str, &str)>, ToolpathError> {
+    let mut rest = rest.trim_start();
+    while rest.starts_with('(') {
+        let (_, after) = rest.split_once(')').ok_or(ToolpathError::GcodeOpenComment { line })?;
+        rest = after.trim_start();
+    }
+    if rest.is_empty() || rest.starts_with(';') {
+        return Ok(None);
+    }
+    let (word, after) = first_word(rest)
+        .ok_or_else(|| ToolpathError::GcodeWord { line, found: shortened(rest) })?;
+    Ok(Some((word, rest, after)))
 }
 
 /// The word at the start of `text` and what follows it.

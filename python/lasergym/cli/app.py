@@ -18,6 +18,7 @@ from lasergym.cli.disturb import disturb
 from lasergym.cli.envs import envs
 from lasergym.cli.evaluate import evaluate
 from lasergym.cli.export import export
+from lasergym.cli.galvo import galvo
 from lasergym.cli.hints import hint_for
 from lasergym.cli.machine import machine
 from lasergym.cli.mill import mill
@@ -58,6 +59,7 @@ _COMMANDS = (
 )
 for _command in _COMMANDS:
     app.command(_command.__name__)(_command)
+app.add_typer(galvo, name="galvo")
 
 
 def _print_version(wanted: bool) -> None:

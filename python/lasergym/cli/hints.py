@@ -20,6 +20,7 @@ _HINTS: dict[type[errors.LasergymError], str] = {
     errors.FullTargetError: "try --invert, a higher --threshold or a --margin-px",
     errors.DepthMapError: "give depths within reach: see --depth-um, --base-um and --layers",
     errors.MillingError: "check the size of the target against the beam of the process",
+    errors.GalvoError: "see docs/galvo.md for heads, test lines and programs",
     errors.OptionError: "--help lists the options and their ranges",
     errors.ThreadsError: "ask for fewer threads",
     errors.JobError: "give a new folder with -o, or the folder of a job with --resume",

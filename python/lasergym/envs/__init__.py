@@ -7,11 +7,13 @@ from lasergym.envs.ablation import (
     RotatedStarEnv,
     StarEnv,
 )
+from lasergym.envs.galvo_line import GalvoLineEnv, GalvoLineVectorEnv
 from lasergym.envs.milling import MillingEnv, MillingVectorEnv
 from lasergym.envs.native_vector import NativeVectorEnv
 from lasergym.envs.registration import (
     ABLATION_IDS,
     ENVIRONMENT_IDS,
+    GALVO_IDS,
     MILLING_IDS,
     REMOTE_IDS,
     register_environments,
@@ -29,10 +31,13 @@ from lasergym.envs.vector import (
 __all__ = [
     "ABLATION_IDS",
     "ENVIRONMENT_IDS",
+    "GALVO_IDS",
     "MILLING_IDS",
     "REMOTE_IDS",
     "AblationEnv",
     "AblationVectorEnv",
+    "GalvoLineEnv",
+    "GalvoLineVectorEnv",
     "MillingEnv",
     "MillingVectorEnv",
     "NativeVectorEnv",

@@ -7,6 +7,7 @@ import gymnasium as gym
 __all__ = [
     "ABLATION_IDS",
     "ENVIRONMENT_IDS",
+    "GALVO_IDS",
     "MILLING_IDS",
     "REMOTE_IDS",
     "register_environments",
@@ -27,12 +28,15 @@ MILLING_IDS = ("lasergym/Milling-v0",)
 """Ids of the depth-milling environments."""
 
 ENVIRONMENT_IDS = ABLATION_IDS + MILLING_IDS
-"""Ids of all environments."""
+"""Ids of the environments in which a workpiece is machined step by step."""
+
+GALVO_IDS = ("lasergym/GalvoLine-v0",)
+"""Ids of the scan-head environments."""
 
 
 def register_environments() -> None:
     """Registers every environment with its native vector version; a second call changes nothing."""
-    for env_id in (*ENVIRONMENT_IDS, *REMOTE_IDS):
+    for env_id in (*ENVIRONMENT_IDS, *GALVO_IDS, *REMOTE_IDS):
         if env_id not in gym.registry:
             name = env_id.removeprefix("lasergym/").removesuffix("-v0")
             gym.register(

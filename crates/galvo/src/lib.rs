@@ -1,0 +1,65 @@
+//! Scan heads: how their mirrors follow a command, and how to command them so that lines come out
+//! as long as drawn and pulses equally far apart.
+//!
+//! Sources: Penchev et al., "A software solution for beam deflector dynamics: adaptive
+//! postprocessor" (the compensation by offsets and delays); SCANLAB's RTC manuals (delays, sky
+//! writing, tracking error).
+//!
+//! Positions are µm, x right and y up; times µs; speeds m/s, which are µm/µs.
+
+mod axis;
+mod calibration;
+mod compensation;
+mod controller;
+mod delays;
+mod energy_map;
+mod error;
+mod field;
+mod identification;
+mod judge;
+mod laser;
+mod least_squares;
+mod line_task;
+mod line_trial;
+mod player;
+mod postprocessor;
+mod program;
+mod program_file;
+mod rtc_list;
+mod scan_head;
+mod servo;
+mod settings_note;
+mod simulate;
+mod step_response;
+mod student_t;
+mod table;
+mod test_line;
+
+pub use axis::{AxisModel, Follower};
+pub use calibration::{Calibration, Regression, TEST_LINE_HEADER, TestLine, read_test_lines};
+pub use compensation::{Compensation, DEFAULT_PITCH_TOLERANCE, HeadKnowledge, Method};
+pub use controller::{MAX_PROGRAM_PULSES, Observer, ProgramRun, StrokeEnd};
+pub use delays::{Delays, SkyWriting, SkyWritingMode};
+pub use energy_map::{EnergyMap, MAX_MAP_CELLS};
+pub use error::GalvoError;
+pub use field::Field;
+pub use identification::{
+    Identification, MAX_TRAJECTORY_SAMPLES, ModelFamily, TRAJECTORY_HEADER, TrajectorySample,
+    identify, identify_best, read_trajectory,
+};
+pub use judge::{Judge, Report, StrokeMeasure};
+pub use laser::{Laser, PulseTrain};
+pub use line_task::{LINE_ACTION, LINE_OBSERVATION, LineOptions, LineTask};
+pub use line_trial::{LineOutcome, LineScales, LineTrial};
+pub use player::{Player, PulseLanding, Purpose, TimeSplit};
+pub use postprocessor::{LaserControl, PostOptions, Postprocessor, PulseGrid};
+pub use program::{ProgramSettings, ProgramStep};
+pub use program_file::{JobReader, ProgramFormat, ProgramReader, ProgramWriter};
+pub use rtc_list::RTC_LIST_HEADER;
+pub use scan_head::{Controller, PENCHEV_LAG_US, ScanHead};
+pub use servo::{MirrorState, ServoPoles};
+pub use simulate::{
+    Unobserved, marked_box, postprocess, postprocess_text, simulate, simulate_steps,
+};
+pub use step_response::{MAX_STEP_SAMPLES, STEP_RESPONSE_HEADER, StepResponse};
+pub use test_line::{AccelerationEnd, measure_line, test_pattern};
