@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import lasergym
-from lasergym import targets
+from lasergym import remote, targets
+from lasergym.cli.remote_figures import draw_figures
 from lasergym.machine import Deciding, run_job
 from lasergym.policy import SHIPPED_POLICIES, PolicyName
 from lasergym.render import render_trajectory
@@ -26,7 +27,10 @@ HERE = Path(__file__).resolve().parent
 PICTURES = HERE / "pictures"
 THUMBS_UP = HERE.parent / "tests" / "assets" / "thumbs_up.svg"
 
+EXCHANGER = HERE.parent / "tests" / "assets" / "heat_exchanger.toml"
+
 WIDTH_PX = 480
+REMOTE_WIDTH_PX = 800
 TILE_PX = 210
 GAP_PX = 8
 COLORS = 64
@@ -93,6 +97,17 @@ def draw_job_report(name: str) -> None:
     print(f"{name}: {report.machined_fraction:.1%} machined, {report.off_target_fraction:.1%} off")
 
 
+def draw_remote_plan(name: str) -> None:
+    """Writes ``name.png``: lines and beam of the heat exchanger."""
+    plan = remote.plan_file(EXCHANGER)
+    with tempfile.TemporaryDirectory() as folder:
+        (drawn,) = draw_figures(Path(folder), plan, plan.simulate(plan.cycle_time_s / 40_000))
+        picture = Image.open(Path(folder) / drawn).convert("RGB")
+    picture.thumbnail((REMOTE_WIDTH_PX, 2 * REMOTE_WIDTH_PX))
+    write_png(np.asarray(picture), PICTURES / f"{name}.png")
+    print(f"{name}: {plan.cycle_time_s:.3f} s")
+
+
 def draw_pointing_error(name: str) -> None:
     """Writes ``name.png`` from ``pointing_error.csv``, which the Rust example prints."""
     curves: dict[str, list[tuple[float, float, float]]] = {}
@@ -142,6 +157,7 @@ def main() -> None:
     for policy, target in zip(SHIPPED_POLICIES, shown, strict=True):
         draw_policy(policy, target)
     draw_job_report("job_report")
+    draw_remote_plan("remote_plan")
     draw_pointing_error("pointing_error")
 
 

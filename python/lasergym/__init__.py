@@ -7,7 +7,7 @@ from importlib import import_module as _import_module
 from importlib.metadata import version as _version
 from typing import Any as _Any
 
-from lasergym import envs, errors, galvo, milling, programs, render, targets
+from lasergym import envs, errors, galvo, milling, programs, remote, render, targets
 from lasergym.cma_es import CmaEs
 from lasergym.errors import LasergymError
 from lasergym.planners import Plan, PlannerName, Score, plan, score, shortest_order
@@ -26,6 +26,7 @@ __all__ = [
     "milling",
     "plan",
     "programs",
+    "remote",
     "render",
     "score",
     "shortest_order",

@@ -15,9 +15,13 @@ __all__ = [
     "MillingEnvironment",
     "MillingJob",
     "Policy",
+    "RemoteBatch",
+    "RemoteEnvironment",
+    "RemoteJob",
     "Rig",
     "Teacher",
     "TrajectoryPicture",
+    "best_robot_line",
     "calibrate",
     "calibrate_simulator",
     "calibrate_trenches",
@@ -212,6 +216,97 @@ class MillingEnvironment:
         self, planner: str, progress: Callable[[float], bool | None] | None
     ) -> tuple[NDArray[np.float32], tuple[float, float, float, int], float, bool]: ...
     def copy(self) -> MillingEnvironment: ...
+
+_RemoteStop: TypeAlias = tuple[int, str, int, float, float, float, float, float]
+_RemoteLine: TypeAlias = tuple[
+    int,
+    float,
+    float,
+    tuple[float, float],
+    tuple[float, float],
+    list[tuple[float, float]],
+    int,
+    float,
+    float,
+]
+
+@final
+class RemoteJob:
+    def __new__(
+        cls,
+        task: str,
+        folder: str | Path | None,
+        choice: str,
+        directions: int,
+        keep_order: bool,
+    ) -> RemoteJob: ...
+    def figures(self) -> tuple[str, float, float, float, float, float]: ...
+    def planes(self) -> list[tuple[str, list[float], list[float]]]: ...
+    def stops(self) -> list[_RemoteStop]: ...
+    def path(self, stop: int) -> NDArray[np.float64]: ...
+    def lines(self) -> list[_RemoteLine]: ...
+    def simulate(
+        self, sample_s: float
+    ) -> tuple[tuple[float, float, float, float, float, float], list[str], NDArray[np.float64]]: ...
+    def programs(self) -> tuple[str, str, str, str, str]: ...
+
+_RemoteProgress: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+
+@final
+class RemoteEnvironment:
+    def __new__(cls, settings: dict[str, Any]) -> RemoteEnvironment: ...
+    def reset(self, seed: int | None = None) -> None: ...
+    def step(self, subtask: int, direction: int) -> tuple[float, bool]: ...
+    def observation(self) -> NDArray[np.float32]: ...
+    def progress(self) -> tuple[int, int, float]: ...
+    def is_success(self) -> bool: ...
+    def picture(
+        self,
+    ) -> tuple[
+        float,
+        list[tuple[float, float, float]],
+        list[bool],
+        list[tuple[tuple[float, float], tuple[float, float]]],
+    ]: ...
+    def planned(self) -> tuple[float, float, list[tuple[int, int]]]: ...
+    def copy(self) -> RemoteEnvironment: ...
+
+@final
+class RemoteBatch:
+    def __new__(
+        cls,
+        settings: dict[str, Any],
+        num_envs: int,
+        autoreset_mode: str,
+        max_episode_steps: int | None,
+    ) -> RemoteBatch: ...
+    def reset(
+        self,
+        seeds: Sequence[int | None],
+        mask: Sequence[bool] | None,
+        observations: NDArray[np.float32],
+    ) -> None: ...
+    def step(
+        self,
+        actions: NDArray[np.int64],
+        observations: NDArray[np.float32],
+        final_observations: NDArray[np.float32] | None = None,
+    ) -> None: ...
+    def outcome(
+        self,
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]: ...
+    def progress(self) -> _RemoteProgress: ...
+    def final_progress(self) -> _RemoteProgress: ...
+    def finished(
+        self,
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]]: ...
+
+def best_robot_line(
+    circles: NDArray[np.float64],
+    direction_deg: float | None,
+    speeds_mm_s: tuple[float, float],
+    jump_s: float,
+) -> tuple[tuple[float, float, float, float, float], list[tuple[float, float]]] | None: ...
 
 _Controls: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]
 

@@ -187,3 +187,11 @@ class DepthMapError(MillingError):
 
 class GalvoError(LasergymError, ValueError):
     """A scan head, its calibration, or a program for it cannot be used."""
+
+
+class RemoteError(LasergymError, ValueError):
+    """A task for robot and scanner cannot be read or planned."""
+
+
+class InfeasibleTaskError(RemoteError):
+    """A subtask cannot be processed; the message says which, why, and what would help."""

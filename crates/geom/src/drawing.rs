@@ -24,8 +24,13 @@ pub fn load_drawing(
     path: impl AsRef<Path>,
     options: &DrawingOptions,
 ) -> Result<Bitmap, DrawingError> {
-    let path = path.as_ref();
     options.validate()?;
+    let (bytes, format) = read_drawing(path.as_ref())?;
+    drawing_from_bytes(&bytes, format, options)
+}
+
+/// The content of the file at `path` and its format.
+pub(crate) fn read_drawing(path: &Path) -> Result<(Vec<u8>, DrawingFormat), DrawingError> {
     let refuse = |source: std::io::Error| match source.kind() {
         ErrorKind::NotFound => DrawingError::NotFound { path: path.into() },
         _ => DrawingError::Unreadable { path: path.into(), source },
@@ -36,7 +41,7 @@ pub fn load_drawing(
     let format = DrawingFormat::from_magic(&bytes)
         .or_else(|| DrawingFormat::from_extension(path))
         .ok_or_else(|| DrawingError::UnknownFormat { path: path.into() })?;
-    drawing_from_bytes(&bytes, format, options)
+    Ok((bytes, format))
 }
 
 /// Reads the bytes of a drawing as a target.

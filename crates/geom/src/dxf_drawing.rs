@@ -27,10 +27,7 @@ const MAX_COMPARISONS: u64 = 500_000_000;
 /// Reads a DXF drawing as a target.
 pub(crate) fn dxf_target(bytes: &[u8], options: &DrawingOptions) -> Result<Bitmap, DrawingError> {
     let text = text(bytes)?;
-    let mut curves = curves(&records(&text)?)?;
-    drop_repeated(&mut curves);
-    let bounds = Bounds::of(curves.iter().flatten().copied())
-        .ok_or(DrawingError::NoShapes { format: DrawingFormat::Dxf })?;
+    let (curves, bounds) = distinct_curves(&text)?;
     let [width, height] = bounds.size();
     let mut contours = closed_contours(curves, width.max(height))?;
     let workpiece = WORKPIECE_SIZE_PX as f64;
@@ -60,6 +57,35 @@ pub(crate) fn dxf_target(bytes: &[u8], options: &DrawingOptions) -> Result<Bitma
     Ok(fill_even_odd(&outlines))
 }
 
+/// The curves of a DXF drawing joined end to end; what does not close stays open. Drawing units,
+/// y up.
+pub(crate) fn dxf_chains(bytes: &[u8]) -> Result<Vec<Curve>, DrawingError> {
+    let (curves, bounds) = distinct_curves(&text(bytes)?)?;
+    let [width, height] = bounds.size();
+    let (mut chains, open): (Vec<Curve>, Vec<Curve>) =
+        curves.into_iter().partition(|curve| curve.first() == curve.last());
+    let partners = partners(&open, width.max(height))?;
+    let mut used = vec![false; open.len()];
+    // Chains with free ends first: from there they are followed in full.
+    let (free, inner): (Vec<usize>, Vec<usize>) =
+        (0..2 * open.len()).partition(|&end| partners[end].is_none());
+    for start in free.into_iter().chain(inner) {
+        if !used[start / 2] {
+            chains.push(chain(&open, &partners, start, &mut used));
+        }
+    }
+    Ok(chains)
+}
+
+/// The curves of a drawing, each once, and their bounds.
+fn distinct_curves(text: &str) -> Result<(Vec<Curve>, Bounds), DrawingError> {
+    let mut curves = curves(&records(text)?)?;
+    drop_repeated(&mut curves);
+    let bounds = Bounds::of(curves.iter().flatten().copied())
+        .ok_or(DrawingError::NoShapes { format: DrawingFormat::Dxf })?;
+    Ok((curves, bounds))
+}
+
 /// Leaves of the curves that are the same, in either direction, the first one; and drops curves
 /// without any length.
 fn drop_repeated(curves: &mut Vec<Curve>) {
@@ -78,31 +104,47 @@ fn closed_contours(curves: Vec<Curve>, side: f64) -> Result<Vec<Curve>, DrawingE
     let (mut contours, open): (Vec<Curve>, Vec<Curve>) =
         curves.into_iter().partition(|curve| curve.first() == curve.last());
     let partners = partners(&open, side)?;
+    if let Some(end) = partners.iter().position(Option::is_none) {
+        return Err(open_contour(&ends_of(&open), &partners, end, JOIN_TOLERANCE * side));
+    }
     let mut used = vec![false; open.len()];
     for first in 0..open.len() {
-        let mut contour = Curve::new();
-        let mut start = 2 * first;
-        // From end to end round the contour, back to the curve it began with.
-        while !used[start / 2] {
-            let curve = &open[start / 2];
-            used[start / 2] = true;
-            if start % 2 == 0 {
-                contour.extend(curve);
-            } else {
-                contour.extend(curve.iter().rev());
-            }
-            start = partners[start ^ 1];
+        if !used[first] {
+            contours.push(chain(&open, &partners, 2 * first, &mut used));
         }
-        contours.push(contour);
     }
     Ok(contours)
 }
 
-/// For each end of the open curves, the end it is joined to. Curve `k` has the ends `2 k` (its
-/// start) and `2 k + 1`.
-fn partners(open: &[Curve], side: f64) -> Result<Vec<usize>, DrawingError> {
-    let ends: Vec<[f64; 2]> =
-        open.iter().flat_map(|curve| [curve[0], curve[curve.len() - 1]]).collect();
+/// The points of the curves that follow each other from the end `start` on.
+fn chain(open: &[Curve], partners: &[Option<usize>], start: usize, used: &mut [bool]) -> Curve {
+    let mut points = Curve::new();
+    let mut next = Some(start);
+    // From end to end, round a contour back to the curve it began with.
+    while let Some(start) = next.filter(|start| !used[start / 2]) {
+        let curve = &open[start / 2];
+        used[start / 2] = true;
+        if start % 2 == 0 {
+            points.extend(curve);
+        } else {
+            points.extend(curve.iter().rev());
+        }
+        next = partners[start ^ 1];
+    }
+    if let (Some(_), Some(&first)) = (next, points.first()) {
+        points.push(first);
+    }
+    points
+}
+
+/// Both ends of every curve: curve `k` has the ends `2 k` (its start) and `2 k + 1`.
+fn ends_of(open: &[Curve]) -> Vec<[f64; 2]> {
+    open.iter().flat_map(|curve| [curve[0], curve[curve.len() - 1]]).collect()
+}
+
+/// For each of [`ends_of`] the open curves, the end it is joined to, if there is one near enough.
+fn partners(open: &[Curve], side: f64) -> Result<Vec<Option<usize>>, DrawingError> {
+    let ends = ends_of(open);
     let mut partners: Vec<Option<usize>> = vec![None; ends.len()];
     let mut comparisons = 0;
     for tolerance in [MEETING_TOLERANCE * side, JOIN_TOLERANCE * side] {
@@ -133,12 +175,7 @@ fn partners(open: &[Curve], side: f64) -> Result<Vec<usize>, DrawingError> {
             }
         }
     }
-    let tolerance = JOIN_TOLERANCE * side;
-    partners
-        .iter()
-        .enumerate()
-        .map(|(end, partner)| partner.ok_or_else(|| open_contour(&ends, &partners, end, tolerance)))
-        .collect()
+    Ok(partners)
 }
 
 /// The gap from the free end `end` to the nearest other free end.

@@ -38,6 +38,14 @@ const MAX_DEPTH: usize = 256;
 
 /// Reads an SVG document as a target.
 pub(crate) fn svg_target(bytes: &[u8], options: &DrawingOptions) -> Result<Bitmap, DrawingError> {
+    with_document(bytes, |document| target(document, options))
+}
+
+/// Calls `read` with the document, once it is known to be harmless.
+pub(crate) fn with_document<T: Send>(
+    bytes: &[u8],
+    read: impl FnOnce(&SvgDocument) -> Result<T, DrawingError> + Send,
+) -> Result<T, DrawingError> {
     let found = bytes.len() as u64;
     if found > MAX_BYTES {
         return Err(DrawingError::TooLarge { unit: "bytes", found, limit: MAX_BYTES });
@@ -53,8 +61,7 @@ pub(crate) fn svg_target(bytes: &[u8], options: &DrawingOptions) -> Result<Bitma
         check_kinds(&xml)?;
         check_numbers(&xml)?;
         check_expansion(&xml)?;
-        let document = SvgDocument::from_xml(&xml)?;
-        target(&document, options)
+        read(&SvgDocument::from_xml(&xml)?)
     })
 }
 

@@ -59,7 +59,7 @@ pub use gain_map::GainMap;
 pub use greedy::Greedy;
 pub use job::{Job, MAX_JOB_PULSES};
 pub use job_state::JobState;
-pub use order::{shortest_order, travel_px};
+pub use order::shortest_order;
 pub use plan::Plan;
 pub use planner::{PlanProgress, Planner, PlannerKind};
 pub use polish::{PolishOptions, polish};

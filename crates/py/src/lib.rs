@@ -20,6 +20,8 @@ mod pictures;
 mod planners;
 mod policy;
 mod programs;
+mod remote;
+mod remote_environment;
 mod settings;
 mod targets;
 mod teacher;
@@ -61,6 +63,10 @@ mod _native {
     use crate::policy::{NativePolicy, shipped_policy};
     #[pymodule_export]
     use crate::programs::{read_csv, read_gcode, travel, write_csv, write_gcode};
+    #[pymodule_export]
+    use crate::remote::{NativeRemoteJob, best_robot_line};
+    #[pymodule_export]
+    use crate::remote_environment::{NativeRemoteBatch, NativeRemoteEnvironment};
     #[pymodule_export]
     use crate::targets::{random_shape, random_shape_areas, score, star};
     #[pymodule_export]

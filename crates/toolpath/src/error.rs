@@ -31,6 +31,18 @@ pub enum ToolpathError {
         radius_px: f64,
     },
 
+    /// A place to be visited is not a finite point. Places count from 0; the start, where one is
+    /// given, is the last.
+    #[error("stop {stop} lies at ({x}, {y}): a tour needs finite positions")]
+    StopNotFinite {
+        /// Index of the place.
+        stop: usize,
+        /// Its x.
+        x: f64,
+        /// Its y.
+        y: f64,
+    },
+
     /// There are more pulses than a path may have.
     #[error("more than {limit} pulses: split the path")]
     TooManyPulses {

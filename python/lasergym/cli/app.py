@@ -24,6 +24,7 @@ from lasergym.cli.machine import machine
 from lasergym.cli.mill import mill
 from lasergym.cli.output import report_error
 from lasergym.cli.plan import plan
+from lasergym.cli.remote import remote
 from lasergym.cli.train import train
 from lasergym.errors import LasergymError
 
@@ -46,6 +47,7 @@ _COMMANDS = (
     plan,
     machine,
     mill,
+    remote,
     envs,
     bench,
     compare,

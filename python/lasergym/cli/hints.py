@@ -26,6 +26,8 @@ _HINTS: dict[type[errors.LasergymError], str] = {
     errors.JobError: "give a new folder with -o, or the folder of a job with --resume",
     errors.JournalError: "give the folder of a job, which has a journal.jsonl",
     errors.CalibrationError: "calibrate again: lasergym.machine.calibrate",
+    errors.InfeasibleTaskError: "change the subtask or the machine as the message says",
+    errors.RemoteError: "docs/remote.md lists the keys of a task",
     errors.PolicyError: "give a .safetensors file that lasergym.export wrote",
 }
 

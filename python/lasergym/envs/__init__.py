@@ -15,8 +15,11 @@ from lasergym.envs.registration import (
     ENVIRONMENT_IDS,
     GALVO_IDS,
     MILLING_IDS,
+    REMOTE_IDS,
     register_environments,
 )
+from lasergym.envs.remote_scan import RemoteScanEnv
+from lasergym.envs.remote_vector import RemoteScanVectorEnv
 from lasergym.envs.vector import (
     AblationVectorEnv,
     PatternVectorEnv,
@@ -30,6 +33,7 @@ __all__ = [
     "ENVIRONMENT_IDS",
     "GALVO_IDS",
     "MILLING_IDS",
+    "REMOTE_IDS",
     "AblationEnv",
     "AblationVectorEnv",
     "GalvoLineEnv",
@@ -41,6 +45,8 @@ __all__ = [
     "PatternVectorEnv",
     "RandomShapeEnv",
     "RandomShapeVectorEnv",
+    "RemoteScanEnv",
+    "RemoteScanVectorEnv",
     "RotatedStarEnv",
     "RotatedStarVectorEnv",
     "StarEnv",

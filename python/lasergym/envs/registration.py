@@ -9,6 +9,7 @@ __all__ = [
     "ENVIRONMENT_IDS",
     "GALVO_IDS",
     "MILLING_IDS",
+    "REMOTE_IDS",
     "register_environments",
 ]
 
@@ -19,6 +20,9 @@ ABLATION_IDS = (
     "lasergym/Pattern-v0",
 )
 """Ids of the pulse-ablation environments, easiest first."""
+
+REMOTE_IDS = ("lasergym/RemoteScan-v0",)
+"""Ids of the environments of robot and scanner."""
 
 MILLING_IDS = ("lasergym/Milling-v0",)
 """Ids of the depth-milling environments."""
@@ -32,7 +36,7 @@ GALVO_IDS = ("lasergym/GalvoLine-v0",)
 
 def register_environments() -> None:
     """Registers every environment with its native vector version; a second call changes nothing."""
-    for env_id in (*ENVIRONMENT_IDS, *GALVO_IDS):
+    for env_id in (*ENVIRONMENT_IDS, *GALVO_IDS, *REMOTE_IDS):
         if env_id not in gym.registry:
             name = env_id.removeprefix("lasergym/").removesuffix("-v0")
             gym.register(
