@@ -21,6 +21,15 @@ type StopParts = (usize, String, usize, f64, f64, f64, f64, f64);
 /// its start, first stop, time s with lead-in, lead-out and restart, time of the way before, s).
 type LineParts = (usize, f64, f64, (f64, f64), (f64, f64), Vec<(f64, f64)>, usize, f64, f64);
 
+/// (total s, laser s, largest seam error mm, largest speed error, largest distance from the centre of
+/// the field mm, highest speed of the robot mm/s), problems, and states as rows of (time s, robot x,
+/// y, z, beam x, y, z, field x, y, laser).
+type SimulationParts<'py> = (Extremes, Vec<String>, Bound<'py, PyArray2<f64>>);
+type Extremes = (f64, f64, f64, f64, f64, f64);
+
+/// (Direction °, offset, speed, start, end) and sections along the direction.
+type BestLineParts = ((f64, f64, f64, f64, f64), Vec<(f64, f64)>);
+
 /// Points of a subtask's path that a picture is drawn from.
 const MOST_POINTS: usize = 2000;
 
@@ -150,14 +159,8 @@ impl NativeRemoteJob {
             .collect()
     }
 
-    /// Plays the programs: (total s, laser s, largest seam error mm, largest speed error, largest
-    /// distance from the centre of the field mm, highest speed of the robot mm/s), problems, and
-    /// states every `sample_s` as rows of (time s, robot x, y, z, beam x, y, z, field x, y, laser).
-    fn simulate<'py>(
-        &self,
-        py: Python<'py>,
-        sample_s: f64,
-    ) -> PyResult<((f64, f64, f64, f64, f64, f64), Vec<String>, Bound<'py, PyArray2<f64>>)> {
+    /// Plays the programs; states are sampled every `sample_s`.
+    fn simulate<'py>(&self, py: Python<'py>, sample_s: f64) -> PyResult<SimulationParts<'py>> {
         let report = py
             .detach(|| {
                 let robot = RobotProgram::from_csv(&self.robot_program().to_csv())?;
@@ -202,8 +205,8 @@ impl NativeRemoteJob {
     }
 }
 
-/// The best line for scan circles given as rows of (x, y, radius, time s), in this order: (direction
-/// °, offset, speed, start, end) and sections along the direction; none where there is no line.
+/// The best line for scan circles given as rows of (x, y, radius, time s), in this order; none where
+/// there is no line.
 #[pyfunction]
 pub(crate) fn best_robot_line(
     py: Python<'_>,
@@ -211,7 +214,7 @@ pub(crate) fn best_robot_line(
     direction_deg: Option<f64>,
     speeds_mm_s: (f64, f64),
     jump_s: f64,
-) -> PyResult<Option<((f64, f64, f64, f64, f64), Vec<(f64, f64)>)>> {
+) -> PyResult<Option<BestLineParts>> {
     if circles.shape()[1] != 4 || circles.shape()[0] == 0 {
         return Err(exception(
             "ShapeError",

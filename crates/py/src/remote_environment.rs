@@ -14,6 +14,14 @@ use crate::errors::{exception, option_error};
 use crate::remote::remote_error;
 use crate::settings::count;
 
+/// Cycle time of the joint choice and of the greedy one, s, and the actions that follow the lines of
+/// the joint choice.
+type PlanParts = (f64, f64, Vec<(usize, usize)>);
+
+/// Rewards, terminated, truncated.
+type OutcomeArrays<'py> =
+    (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>);
+
 /// (subtasks done, lines, cycle time s).
 type Progress = (usize, usize, f64);
 
@@ -109,9 +117,8 @@ impl NativeRemoteEnvironment {
         )
     }
 
-    /// The task of this episode and its plan: (cycle time s of the joint choice, of the greedy one, and
-    /// the actions that follow the lines of the joint choice).
-    fn planned(&self, py: Python<'_>) -> PyResult<(f64, f64, Vec<(usize, usize)>)> {
+    /// The plan for the task of this episode.
+    fn planned(&self, py: Python<'_>) -> PyResult<PlanParts> {
         use lasergym_remote::{LineChoice, PlanOptions, RemotePlan};
         let task = self.environment.task();
         py.detach(|| {
@@ -211,10 +218,7 @@ impl NativeRemoteBatch {
     }
 
     /// (rewards, terminated, truncated) of the last step, shape (n,) each.
-    fn outcome<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>) {
+    fn outcome<'py>(&self, py: Python<'py>) -> OutcomeArrays<'py> {
         (
             self.gather(py, |record| record.reward),
             self.gather(py, |record| record.terminated),
