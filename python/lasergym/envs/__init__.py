@@ -20,6 +20,7 @@ from lasergym.envs.registration import (
 )
 from lasergym.envs.remote_scan import RemoteScanEnv
 from lasergym.envs.remote_vector import RemoteScanVectorEnv
+from lasergym.envs.seeded_vector import SeededVectorEnv
 from lasergym.envs.vector import (
     AblationVectorEnv,
     PatternVectorEnv,
@@ -49,6 +50,7 @@ __all__ = [
     "RemoteScanVectorEnv",
     "RotatedStarEnv",
     "RotatedStarVectorEnv",
+    "SeededVectorEnv",
     "StarEnv",
     "StarVectorEnv",
     "register_environments",

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from lasergym.envs.settings import MAX_COUNT, action_array, batched_box, native_seed
+from lasergym.envs.seeded_vector import SeededVectorEnv, autoreset_mode_of
+from lasergym.envs.settings import MAX_COUNT, action_array, batched_box
 from lasergym.errors import OptionError, RenderModeError, ShapeError
 from lasergym.options import integer_in
 
@@ -32,7 +32,7 @@ class _Settings(Protocol):
         """The space of one action."""
 
 
-class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[Any]]):
+class NativeVectorEnv(SeededVectorEnv[NDArray[np.uint8], NDArray[np.float32]]):
     """Environments of one process, stepped by native code; the base of the vector environments."""
 
     progress_keys: ClassVar[tuple[str, ...]]
@@ -62,13 +62,7 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
             raise RenderModeError(
                 f'render_mode is {render_mode!r}, but vector environments have "rgb_array" only'
             )
-        try:
-            self.autoreset_mode = AutoresetMode(autoreset_mode)
-        except ValueError as error:
-            names = ", ".join(f'"{mode.value}"' for mode in AutoresetMode)
-            raise OptionError(
-                f"autoreset_mode is {autoreset_mode!r}, but must be one of {names}"
-            ) from error
+        self.autoreset_mode = autoreset_mode_of(autoreset_mode)
         integer_in("num_envs", num_envs, 1, MAX_COUNT)
         integer_in("threads", threads, 1, 1024)
         if max_episode_steps is not None:
@@ -94,7 +88,7 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
         self._observations = np.zeros(shape, np.uint8)
         same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
         self._final_observations = np.zeros(shape, np.uint8) if same_step else None
-        self._generators: list[np.random.Generator] = []
+        self._generators = []
         self._started_s = np.zeros(num_envs)
 
     def render_one(self, index: int) -> NDArray[np.uint8] | None:
@@ -206,41 +200,6 @@ class NativeVectorEnv(VectorEnv[NDArray[np.uint8], NDArray[np.float32], NDArray[
         if len(target) != self.num_envs:
             raise ShapeError(f"{len(target)} targets are given for {self.num_envs} environments")
         return [None if one is None else self._as_target(one) for one in target]
-
-    def _reset_mask(self, mask: Any) -> NDArray[np.bool_] | None:
-        """The mask that a reset option gives, checked."""
-        if mask is None:
-            return None
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-            raise ShapeError("reset_mask must be a Boolean NumPy array")
-        if mask.shape != (self.num_envs,):
-            raise ShapeError(f"reset_mask has shape {mask.shape}, but must be ({self.num_envs},)")
-        if not mask.any():
-            raise ShapeError("reset_mask has no True value: nothing would be reset")
-        return mask
-
-    def _native_seeds(
-        self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_] | None
-    ) -> list[int | None]:
-        """The seeds of the native streams, derived as a single environment derives them."""
-        if seed is None:
-            seeds: Sequence[int | None] = [None] * self.num_envs
-        elif isinstance(seed, (int, np.integer)):
-            seeds = range(int(seed), int(seed) + self.num_envs)
-            self._np_random, self._np_random_seed = gym.utils.seeding.np_random(int(seed))
-        else:
-            seeds = seed
-        if len(seeds) != self.num_envs:
-            raise ShapeError(f"{len(seeds)} seeds are given for {self.num_envs} environments")
-        if not self._generators:
-            self._generators = [gym.utils.seeding.np_random(one)[0] for one in seeds]
-            return [native_seed(generator) for generator in self._generators]
-        native: list[int | None] = [None] * self.num_envs
-        for index, one in enumerate(seeds):
-            if one is not None and (mask is None or mask[index]):
-                self._generators[index] = gym.utils.seeding.np_random(one)[0]
-                native[index] = native_seed(self._generators[index])
-        return native
 
     def _returned_observations(self) -> NDArray[np.uint8]:
         return self._observations.copy() if self.copy else self._observations

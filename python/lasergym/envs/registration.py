@@ -21,22 +21,22 @@ ABLATION_IDS = (
 )
 """Ids of the pulse-ablation environments, easiest first."""
 
-REMOTE_IDS = ("lasergym/RemoteScan-v0",)
-"""Ids of the environments of robot and scanner."""
-
 MILLING_IDS = ("lasergym/Milling-v0",)
 """Ids of the depth-milling environments."""
-
-ENVIRONMENT_IDS = ABLATION_IDS + MILLING_IDS
-"""Ids of the environments in which a workpiece is machined step by step."""
 
 GALVO_IDS = ("lasergym/GalvoLine-v0",)
 """Ids of the scan-head environments."""
 
+REMOTE_IDS = ("lasergym/RemoteScan-v0",)
+"""Ids of the environments of robot and scanner."""
+
+ENVIRONMENT_IDS = ABLATION_IDS + MILLING_IDS + GALVO_IDS + REMOTE_IDS
+"""Ids of all environments."""
+
 
 def register_environments() -> None:
     """Registers every environment with its native vector version; a second call changes nothing."""
-    for env_id in (*ENVIRONMENT_IDS, *GALVO_IDS, *REMOTE_IDS):
+    for env_id in ENVIRONMENT_IDS:
         if env_id not in gym.registry:
             name = env_id.removeprefix("lasergym/").removesuffix("-v0")
             gym.register(

@@ -8,12 +8,12 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from lasergym import _native
 from lasergym.envs.remote_settings import RemoteScanSettings, scan_action
-from lasergym.envs.seeding import NativeSeeds, checked_mask
+from lasergym.envs.seeded_vector import SeededVectorEnv, autoreset_mode_of
 from lasergym.envs.settings import MAX_COUNT
 from lasergym.errors import OptionError, RenderModeError
 from lasergym.options import integer_in
@@ -23,7 +23,7 @@ __all__ = ["RemoteScanVectorEnv"]
 _PROGRESS_KEYS = ("done", "lines", "cycle_time_s")
 
 
-class RemoteScanVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.int64], NDArray[Any]]):
+class RemoteScanVectorEnv(SeededVectorEnv[NDArray[np.float32], NDArray[np.int64]]):
     """Vector version of :class:`lasergym.envs.RemoteScanEnv`, equal to single ones bit for bit.
 
     Args:
@@ -53,13 +53,7 @@ class RemoteScanVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.int64], NDAr
             raise RenderModeError(
                 f"render_mode is {render_mode!r}, but this vector environment has none"
             )
-        try:
-            self.autoreset_mode = AutoresetMode(autoreset_mode)
-        except ValueError as error:
-            names = ", ".join(f'"{mode.value}"' for mode in AutoresetMode)
-            raise OptionError(
-                f"autoreset_mode is {autoreset_mode!r}, but must be one of {names}"
-            ) from error
+        self.autoreset_mode = autoreset_mode_of(autoreset_mode)
         integer_in("num_envs", num_envs, 1, MAX_COUNT)
         if max_episode_steps is not None:
             integer_in("max_episode_steps", max_episode_steps, 1, MAX_COUNT)
@@ -81,7 +75,6 @@ class RemoteScanVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.int64], NDAr
         self._observations = np.zeros(shape, np.float32)
         same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
         self._final_observations = np.zeros(shape, np.float32) if same_step else None
-        self._seeds = NativeSeeds(num_envs)
         self._started_s = np.zeros(num_envs)
 
     def reset(
@@ -104,10 +97,8 @@ class RemoteScanVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.int64], NDAr
         unknown = sorted(options.keys() - {"reset_mask"})
         if unknown:
             raise OptionError(f"unknown reset options {unknown}: there is `reset_mask`")
-        mask = checked_mask(options.get("reset_mask"), self.num_envs)
-        if isinstance(seed, (int, np.integer)):
-            self._np_random, self._np_random_seed = gym.utils.seeding.np_random(int(seed))
-        native_seeds = self._seeds.for_reset(seed, mask)
+        mask = self._reset_mask(options.get("reset_mask"))
+        native_seeds = self._native_seeds(seed, mask)
         mask_list = None if mask is None else mask.tolist()
         self._native.reset(native_seeds, mask_list, self._observations)
         where = np.ones(self.num_envs, np.bool_) if mask is None else mask
