@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from lasergym.envs.seeded_vector import SeededVectorEnv, autoreset_mode_of
+from lasergym.envs.batch_vector import BatchVectorEnv
+from lasergym.envs.seeded_vector import autoreset_mode_of
 from lasergym.envs.settings import MAX_COUNT, action_array, batched_box
 from lasergym.errors import OptionError, RenderModeError, ShapeError
 from lasergym.options import integer_in
@@ -32,14 +33,10 @@ class _Settings(Protocol):
         """The space of one action."""
 
 
-class NativeVectorEnv(SeededVectorEnv[NDArray[np.uint8], NDArray[np.float32]]):
+class NativeVectorEnv(BatchVectorEnv[NDArray[np.uint8], NDArray[np.float32]]):
     """Environments of one process, stepped by native code; the base of the vector environments."""
 
-    progress_keys: ClassVar[tuple[str, ...]]
-    """Names of the figures of progress in ``infos``, as the native batch orders them."""
-
     settings: Any
-    _batch: Any
 
     def _make(
         self,
@@ -170,19 +167,7 @@ class NativeVectorEnv(SeededVectorEnv[NDArray[np.uint8], NDArray[np.float32]]):
         self._batch.step(array, self._observations, self._final_observations)
         self._after_step()
         terminated, truncated = self._batch.terminated(), self._batch.truncated()
-        infos = self._progress_infos(np.ones(self.num_envs, np.bool_))
-        finished, success, episode_return, length = self._batch.finished()
-        if finished.any():
-            self._add_final_infos(infos, finished, terminated, success)
-            if self.episode_statistics:
-                now_s = time.perf_counter()
-                infos["episode"] = {
-                    "r": episode_return,
-                    "l": length,
-                    "t": np.where(finished, now_s - self._started_s, 0.0),
-                }
-                infos["_episode"] = finished
-                self._started_s[finished] = now_s
+        infos = self._step_infos(terminated)
         return (
             self._returned_observations(),
             self._batch.rewards(),
@@ -203,38 +188,3 @@ class NativeVectorEnv(SeededVectorEnv[NDArray[np.uint8], NDArray[np.float32]]):
 
     def _returned_observations(self) -> NDArray[np.uint8]:
         return self._observations.copy() if self.copy else self._observations
-
-    def _progress_infos(self, where: NDArray[np.bool_]) -> dict[str, Any]:
-        """Progress of the episodes that the observations show."""
-        infos: dict[str, Any] = {}
-        for key, values in zip(self.progress_keys, self._batch.progress(), strict=True):
-            infos[key] = values if where.all() else np.where(where, values, 0)
-            infos[f"_{key}"] = where.copy()
-        return infos
-
-    def _add_final_infos(
-        self,
-        infos: dict[str, Any],
-        finished: NDArray[np.bool_],
-        terminated: NDArray[np.bool_],
-        success: NDArray[np.bool_],
-    ) -> None:
-        """Adds what is known of the episodes that have just ended."""
-        if self._final_observations is None:
-            if terminated.any():
-                infos["is_success"] = success & terminated
-                infos["_is_success"] = terminated.copy()
-            return
-        final: dict[str, Any] = {}
-        for key, values in zip(self.progress_keys, self._batch.final_progress(), strict=True):
-            final[key] = values
-            final[f"_{key}"] = finished.copy()
-        if terminated.any():
-            final["is_success"] = success & terminated
-            final["_is_success"] = terminated.copy()
-        observations = np.zeros_like(self._final_observations)
-        observations[finished] = self._final_observations[finished]
-        infos["final_obs"] = observations
-        infos["_final_obs"] = finished.copy()
-        infos["final_info"] = final
-        infos["_final_info"] = finished.copy()

@@ -12,18 +12,17 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from lasergym import _native
+from lasergym.envs.batch_vector import BatchVectorEnv
 from lasergym.envs.remote_settings import RemoteScanSettings, scan_action
-from lasergym.envs.seeded_vector import SeededVectorEnv, autoreset_mode_of
+from lasergym.envs.seeded_vector import autoreset_mode_of
 from lasergym.envs.settings import MAX_COUNT
 from lasergym.errors import OptionError, RenderModeError
 from lasergym.options import integer_in
 
 __all__ = ["RemoteScanVectorEnv"]
 
-_PROGRESS_KEYS = ("done", "lines", "cycle_time_s")
 
-
-class RemoteScanVectorEnv(SeededVectorEnv[NDArray[np.float32], NDArray[np.int64]]):
+class RemoteScanVectorEnv(BatchVectorEnv[NDArray[np.float32], NDArray[np.int64]]):
     """Vector version of :class:`lasergym.envs.RemoteScanEnv`, equal to single ones bit for bit.
 
     Args:
@@ -34,6 +33,8 @@ class RemoteScanVectorEnv(SeededVectorEnv[NDArray[np.float32], NDArray[np.int64]
             episodes that end.
         subtasks: As for the single environment, like ``area_mm2`` and ``welded``.
     """
+
+    progress_keys = ("done", "lines", "cycle_time_s")
 
     def __init__(
         self,
@@ -68,7 +69,7 @@ class RemoteScanVectorEnv(SeededVectorEnv[NDArray[np.float32], NDArray[np.int64]
         )
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
         self.episode_statistics = episode_statistics
-        self._native = _native.RemoteBatch(
+        self._batch = _native.RemoteBatch(
             self.settings.as_native(), num_envs, self.autoreset_mode.value, max_episode_steps
         )
         shape = (num_envs, *self.single_observation_space.shape)
@@ -100,10 +101,10 @@ class RemoteScanVectorEnv(SeededVectorEnv[NDArray[np.float32], NDArray[np.int64]
         mask = self._reset_mask(options.get("reset_mask"))
         native_seeds = self._native_seeds(seed, mask)
         mask_list = None if mask is None else mask.tolist()
-        self._native.reset(native_seeds, mask_list, self._observations)
+        self._batch.reset(native_seeds, mask_list, self._observations)
         where = np.ones(self.num_envs, np.bool_) if mask is None else mask
         self._started_s[where] = time.perf_counter()
-        return self._observations.copy(), self._infos(where)
+        return self._observations.copy(), self._progress_infos(where)
 
     def step(
         self, actions: NDArray[np.int64]
@@ -127,51 +128,7 @@ class RemoteScanVectorEnv(SeededVectorEnv[NDArray[np.float32], NDArray[np.int64]
             EpisodeOverError: An episode is over and nobody resets it; nothing has happened.
         """
         array = scan_action(actions, (self.num_envs, 2))
-        self._native.step(array, self._observations, self._final_observations)
-        rewards, terminated, truncated = self._native.outcome()
-        infos = self._infos(np.ones(self.num_envs, np.bool_))
-        finished, success, episode_return, length = self._native.finished()
-        if finished.any():
-            self._add_final_infos(infos, finished, terminated, success)
-            if self.episode_statistics:
-                now_s = time.perf_counter()
-                infos["episode"] = {
-                    "r": episode_return,
-                    "l": length,
-                    "t": np.where(finished, now_s - self._started_s, 0.0),
-                }
-                infos["_episode"] = finished
-                self._started_s[finished] = now_s
+        self._batch.step(array, self._observations, self._final_observations)
+        rewards, terminated, truncated = self._batch.outcome()
+        infos = self._step_infos(terminated)
         return self._observations.copy(), rewards, terminated, truncated, infos
-
-    def _infos(self, where: NDArray[np.bool_]) -> dict[str, Any]:
-        """Progress of the episodes that the observations show."""
-        infos: dict[str, Any] = {}
-        for key, values in zip(_PROGRESS_KEYS, self._native.progress(), strict=True):
-            infos[key] = np.where(where, values, 0)
-            infos[f"_{key}"] = where.copy()
-        return infos
-
-    def _add_final_infos(
-        self,
-        infos: dict[str, Any],
-        finished: NDArray[np.bool_],
-        terminated: NDArray[np.bool_],
-        success: NDArray[np.bool_],
-    ) -> None:
-        """Adds what is known of the episodes that have just ended."""
-        final = infos
-        if self._final_observations is not None:
-            final = {}
-            for key, values in zip(_PROGRESS_KEYS, self._native.final_progress(), strict=True):
-                final[key] = values
-                final[f"_{key}"] = finished.copy()
-            observations = np.zeros_like(self._final_observations)
-            observations[finished] = self._final_observations[finished]
-            infos["final_obs"] = observations
-            infos["_final_obs"] = finished.copy()
-            infos["final_info"] = final
-            infos["_final_info"] = finished.copy()
-        if terminated.any():
-            final["is_success"] = success & terminated
-            final["_is_success"] = terminated.copy()
