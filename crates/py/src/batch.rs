@@ -2,12 +2,13 @@
 
 use lasergym_ablation::{Action, Batch, BatchOptions, Environment, StepRecord};
 use lasergym_batch::Batched;
-use numpy::ndarray::{Array1, Array2};
-use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray4, PyArrayMethods, PyReadonlyArray2};
+use numpy::ndarray::Array2;
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray4, PyReadonlyArray2};
 use pyo3::prelude::*;
 
+use crate::batch_arrays::{EpisodeArrays, gather_records, into_buffer, into_buffers};
 use crate::bitmaps::{LayerArrays, array_of, bitmap_of};
-use crate::errors::{ablation_error, exception, option_error};
+use crate::errors::{ablation_error, option_error};
 use crate::settings::{Settings, autoreset_of, count};
 
 /// Environments of one task that step together.
@@ -20,14 +21,6 @@ pub(crate) struct NativeBatch {
 /// (machined fraction, off-target fraction, pulses).
 type ProgressArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>);
-
-/// Episodes that a step finished, as arrays of shape (n,): (finished, success, return, length).
-pub(crate) type EpisodeArrays<'py> = (
-    Bound<'py, PyArray1<bool>>,
-    Bound<'py, PyArray1<bool>>,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<i64>>,
-);
 
 #[pymethods]
 impl NativeBatch {
@@ -64,10 +57,10 @@ impl NativeBatch {
         mask: Option<Vec<bool>>,
         observations: &Bound<'_, PyArray4<u8>>,
     ) -> PyResult<()> {
-        let mut observations = observations.try_readwrite().map_err(borrowed)?;
-        let observations = observations.as_slice_mut()?;
         let batch = &mut self.batch;
-        py.detach(|| batch.reset(&seeds, mask.as_deref(), observations)).map_err(ablation_error)
+        into_buffer(observations, |observations| {
+            py.detach(|| batch.reset(&seeds, mask.as_deref(), observations)).map_err(ablation_error)
+        })
     }
 
     /// Begins an episode with the given target in one environment and writes its observation.
@@ -77,10 +70,10 @@ impl NativeBatch {
         target: PyReadonlyArray2<'_, bool>,
         observations: &Bound<'_, PyArray4<u8>>,
     ) -> PyResult<()> {
-        let mut observations = observations.try_readwrite().map_err(borrowed)?;
-        self.batch
-            .reset_to(index, &bitmap_of(&target)?, observations.as_slice_mut()?)
-            .map_err(ablation_error)
+        let target = bitmap_of(&target)?;
+        into_buffer(observations, |observations| {
+            self.batch.reset_to(index, &target, observations).map_err(ablation_error)
+        })
     }
 
     /// Fires one pulse in every environment and writes what changed.
@@ -94,16 +87,10 @@ impl NativeBatch {
     ) -> PyResult<()> {
         let actions: Vec<Action> =
             actions.as_array().rows().into_iter().map(|row| [row[0], row[1]]).collect();
-        let mut observations = observations.try_readwrite().map_err(borrowed)?;
-        let observations = observations.as_slice_mut()?;
-        let mut last =
-            final_observations.map(|array| array.try_readwrite().map_err(borrowed)).transpose()?;
-        let last = match &mut last {
-            Some(array) => array.as_slice_mut()?,
-            None => &mut [],
-        };
         let batch = &mut self.batch;
-        py.detach(|| batch.step(&actions, observations, last)).map_err(ablation_error)
+        into_buffers(observations, final_observations, |observations, last| {
+            py.detach(|| batch.step(&actions, observations, last)).map_err(ablation_error)
+        })
     }
 
     /// Rewards of the last step, shape (n,).
@@ -183,7 +170,7 @@ pub(crate) fn gather<'py, E: Batched, T: Element>(
     batch: &lasergym_batch::Batch<E>,
     value: impl Fn(&lasergym_batch::StepRecord<E::Progress>) -> T,
 ) -> Bound<'py, PyArray1<T>> {
-    batch.records().map(value).collect::<Array1<T>>().into_pyarray(py)
+    gather_records(py, batch.records(), value)
 }
 
 /// Episodes that the last step finished, as arrays of shape (n,), 0 elsewhere:
@@ -198,9 +185,4 @@ pub(crate) fn finished<'py, E: Batched>(
         gather(py, batch, |record| record.finished.as_ref().map_or(0.0, |e| e.episode_return)),
         gather(py, batch, |record| record.finished.as_ref().map_or(0, |e| i64::from(e.length))),
     )
-}
-
-/// The error of a buffer that something else is writing to.
-pub(crate) fn borrowed(error: numpy::BorrowError) -> PyErr {
-    exception("ShapeError", format!("the observation buffer cannot be written: {error}"))
 }

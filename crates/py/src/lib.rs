@@ -4,6 +4,7 @@
 #![allow(clippy::needless_pass_by_value)]
 
 mod batch;
+mod batch_arrays;
 mod bitmaps;
 mod cma_es;
 mod disturbances;

@@ -8,12 +8,11 @@ use lasergym_milling::{
     SIZE_PX, SpotPlanner, StepRecord, random_relief as draw_relief,
 };
 use numpy::ndarray::{Array2, Array3};
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray2,
-};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArray4, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::batch::{EpisodeArrays, borrowed, gather};
+use crate::batch::gather;
+use crate::batch_arrays::{EpisodeArrays, into_buffer, into_buffers};
 use crate::errors::{exception, option_error};
 use crate::milling::milling_error;
 use crate::settings::{autoreset_of, count};
@@ -256,10 +255,10 @@ impl NativeMillingBatch {
         mask: Option<Vec<bool>>,
         observations: &Bound<'_, PyArray4<u8>>,
     ) -> PyResult<()> {
-        let mut observations = observations.try_readwrite().map_err(borrowed)?;
-        let observations = observations.as_slice_mut()?;
         let batch = &mut self.batch;
-        py.detach(|| batch.reset(&seeds, mask.as_deref(), observations)).map_err(milling_error)
+        into_buffer(observations, |observations| {
+            py.detach(|| batch.reset(&seeds, mask.as_deref(), observations)).map_err(milling_error)
+        })
     }
 
     /// Begins an episode with the given target in one environment and writes its observation.
@@ -269,10 +268,9 @@ impl NativeMillingBatch {
         target: PyReadonlyArray2<'_, f64>,
         observations: &Bound<'_, PyArray4<u8>>,
     ) -> PyResult<()> {
-        let mut observations = observations.try_readwrite().map_err(borrowed)?;
-        self.batch
-            .reset_to(index, &depths_of(&target), observations.as_slice_mut()?)
-            .map_err(milling_error)
+        into_buffer(observations, |observations| {
+            self.batch.reset_to(index, &depths_of(&target), observations).map_err(milling_error)
+        })
     }
 
     /// Mills one spot in every environment and writes what changed.
@@ -286,16 +284,10 @@ impl NativeMillingBatch {
     ) -> PyResult<()> {
         let actions: Vec<[f32; 3]> =
             actions.as_array().rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
-        let mut observations = observations.try_readwrite().map_err(borrowed)?;
-        let observations = observations.as_slice_mut()?;
-        let mut last =
-            final_observations.map(|array| array.try_readwrite().map_err(borrowed)).transpose()?;
-        let last = match &mut last {
-            Some(array) => array.as_slice_mut()?,
-            None => &mut [],
-        };
         let batch = &mut self.batch;
-        py.detach(|| batch.step(&actions, observations, last)).map_err(milling_error)
+        into_buffers(observations, final_observations, |observations, last| {
+            py.detach(|| batch.step(&actions, observations, last)).map_err(milling_error)
+        })
     }
 
     /// Rewards of the last step, shape (n,).

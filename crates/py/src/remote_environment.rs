@@ -3,13 +3,10 @@
 use lasergym_remote::{
     DIRECTIONS, RandomLayout, ScanAutoreset, ScanBatch, ScanEnvironment, ScanProgress, ScanRecord,
 };
-use numpy::ndarray::Array1;
-use numpy::{
-    Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2,
-    PyUntypedArrayMethods,
-};
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+use crate::batch_arrays::{EpisodeArrays, gather_records, into_buffer, into_buffers};
 use crate::errors::{exception, option_error};
 use crate::remote::remote_error;
 use crate::settings::count;
@@ -28,14 +25,6 @@ type Progress = (usize, usize, f64);
 /// Progress of every environment as arrays of shape (n,).
 type ProgressArrays<'py> =
     (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
-
-/// Finished episodes as arrays of shape (n,): (finished, success, return, length).
-type EpisodeArrays<'py> = (
-    Bound<'py, PyArray1<bool>>,
-    Bound<'py, PyArray1<bool>>,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<i64>>,
-);
 
 /// Keyword arguments of the environments.
 #[derive(FromPyObject)]
@@ -185,10 +174,9 @@ impl NativeRemoteBatch {
         mask: Option<Vec<bool>>,
         observations: &Bound<'_, PyArray2<f32>>,
     ) -> PyResult<()> {
-        let mut observations = observations.try_readwrite().map_err(borrowed)?;
-        self.batch
-            .reset(&seeds, mask.as_deref(), observations.as_slice_mut()?)
-            .map_err(remote_error)
+        into_buffer(observations, |observations| {
+            self.batch.reset(&seeds, mask.as_deref(), observations).map_err(remote_error)
+        })
     }
 
     /// Steps every environment and writes observations.
@@ -205,16 +193,10 @@ impl NativeRemoteBatch {
         }
         let actions: Vec<[i64; 2]> =
             actions.as_array().rows().into_iter().map(|row| [row[0], row[1]]).collect();
-        let mut observations = observations.try_readwrite().map_err(borrowed)?;
-        let observations = observations.as_slice_mut()?;
-        let mut last =
-            final_observations.map(|array| array.try_readwrite().map_err(borrowed)).transpose()?;
-        let last = match &mut last {
-            Some(array) => array.as_slice_mut()?,
-            None => &mut [],
-        };
         let batch = &mut self.batch;
-        py.detach(|| batch.step(&actions, observations, last)).map_err(remote_error)
+        into_buffers(observations, final_observations, |observations, last| {
+            py.detach(|| batch.step(&actions, observations, last)).map_err(remote_error)
+        })
     }
 
     /// (rewards, terminated, truncated) of the last step, shape (n,) each.
@@ -267,15 +249,10 @@ impl NativeRemoteBatch {
         py: Python<'py>,
         value: impl Fn(&ScanRecord) -> T,
     ) -> Bound<'py, PyArray1<T>> {
-        self.batch.records().iter().map(value).collect::<Array1<T>>().into_pyarray(py)
+        gather_records(py, self.batch.records().iter(), value)
     }
 }
 
 fn parts(progress: &ScanProgress) -> Progress {
     (progress.done, progress.lines, progress.cycle_time_s)
-}
-
-/// The error of a buffer that something else is writing to.
-fn borrowed(error: numpy::BorrowError) -> PyErr {
-    exception("ShapeError", format!("the observation buffer cannot be written: {error}"))
 }

@@ -302,20 +302,6 @@ class MillingVectorEnv(NativeVectorEnv):
             render_mode=render_mode,
         )
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """A picture of every environment.
-
-        Returns:
-            With ``render_mode="rgb_array"`` one array (uint8 of shape (400, 400, 3)) per
-            environment.
-        """
-        if self.render_mode is None:
-            gym.logger.warn(
-                "render() needs a render mode: gym.make_vec(..., render_mode='rgb_array')"
-            )
-            return None
-        return tuple(self._frame(index) for index in range(self.num_envs))
-
     def render_one(self, index: int) -> NDArray[np.uint8] | None:
         """A picture of one environment, see :meth:`render`."""
         return None if self.render_mode is None else self._frame(index)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
@@ -87,6 +88,21 @@ class NativeVectorEnv(BatchVectorEnv[NDArray[np.uint8], NDArray[np.float32]]):
         self._final_observations = np.zeros(shape, np.uint8) if same_step else None
         self._generators = []
         self._started_s = np.zeros(num_envs)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """A picture of every environment.
+
+        Returns:
+            With ``render_mode="rgb_array"`` one array (uint8 of shape (400, 400, 3)) per
+            environment.
+        """
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() needs a render mode: gym.make_vec(..., render_mode='rgb_array')"
+            )
+            return None
+        pictures = (self.render_one(index) for index in range(self.num_envs))
+        return tuple(picture for picture in pictures if picture is not None)
 
     def render_one(self, index: int) -> NDArray[np.uint8] | None:
         """A picture of one environment, see :meth:`render`."""

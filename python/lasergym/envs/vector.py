@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
@@ -99,20 +98,6 @@ class AblationVectorEnv(NativeVectorEnv):
             render_mode=render_mode,
         )
         self._trajectories: list[Trajectory] = []
-
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """A picture of every environment.
-
-        Returns:
-            With ``render_mode="rgb_array"`` one array (uint8 of shape (400, 400, 3)) per
-            environment.
-        """
-        if self.render_mode is None:
-            gym.logger.warn(
-                "render() needs a render mode: gym.make_vec(..., render_mode='rgb_array')"
-            )
-            return None
-        return tuple(trajectory.rgb_array() for trajectory in self._trajectories)
 
     def render_one(self, index: int) -> NDArray[np.uint8] | None:
         """A picture of one environment, see :meth:`render`."""
