@@ -226,7 +226,7 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
             self.arrive(Some(velocity));
             self.started = true;
             self.observer.stroke_begins(&self.end_of(
-                start + direction * self.settings.run_in_um,
+                self.drawn(start + direction * self.settings.run_in_um, direction),
                 direction,
                 mark.speed_m_s,
             ));
@@ -331,7 +331,7 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
         if self.lit {
             self.switch_off();
         }
-        let drawn = mark.to_um - direction * self.settings.run_out_um;
+        let drawn = self.drawn(mark.to_um - direction * self.settings.run_out_um, direction);
         self.observer.stroke_ends(&self.end_of(drawn, direction, mark.speed_m_s));
         self.run_out(mark.to_um, direction * mark.speed_m_s);
         if self.sky().is_none() {
@@ -339,6 +339,11 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
         }
         self.in_stroke = false;
         self.stroke += 1;
+    }
+
+    /// Where a place that is commanded on a stroke was drawn.
+    fn drawn(&self, commanded_um: Point, direction: Point) -> Point {
+        commanded_um - Point::new(-direction.y, direction.x) * self.settings.lateral_um
     }
 
     fn end_of(&self, at_um: Point, direction: Point, speed_m_s: f64) -> StrokeEnd {
