@@ -116,6 +116,13 @@ impl<'a> Approaches<'a> {
         }
     }
 
+    /// Fastest test line of axes whose acceleration length is not straight in the speed.
+    pub(crate) fn fastest_m_s(&self) -> Option<f64> {
+        let KnownAxes::Lines { x, y } = self.axes else { return None };
+        let speeds = [x, y].into_iter().filter_map(|axis| axis.acceleration.points.last());
+        speeds.map(|point| point.speed_m_s).reduce(f64::min)
+    }
+
     /// The start of a stroke along `direction`, of length 1.
     pub(crate) fn approach(&self, speed: f64, direction: Point) -> Approach {
         // Where every direction is alike, x stands for all.

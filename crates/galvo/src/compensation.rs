@@ -167,6 +167,12 @@ impl<'a> Compensator<'a> {
         })
     }
 
+    /// Speed of jumps where `set_m_s` is allowed, m/s: of axes whose test lines do not grow straight
+    /// with the speed nothing is known beyond the fastest of them.
+    pub(crate) fn jump_speed_m_s(&self, set_m_s: f64) -> f64 {
+        self.approaches.fastest_m_s().map_or(set_m_s, |fastest| fastest.min(set_m_s))
+    }
+
     /// Time after which a start at `speed_m_s` along either axis is even, µs.
     pub(crate) fn settled_us(&self, speed_m_s: f64) -> f64 {
         let toward = [Point::new(1.0, 0.0), Point::new(0.0, 1.0)];

@@ -29,8 +29,8 @@ pub struct StrokeEnd {
 pub trait Observer {
     /// A stroke begins.
     fn stroke_begins(&mut self, _start: &StrokeEnd) {}
-    /// A stroke has a corner at `at_um`.
-    fn corner(&mut self, _stroke: u64, _at_um: Point) {}
+    /// A stroke has a corner at `at_um`, which a lagging beam rounds off within about `reach_um`.
+    fn corner(&mut self, _stroke: u64, _at_um: Point, _reach_um: f64) {}
     /// The commands of a stroke have ended; its last pulses may still come.
     fn stroke_ends(&mut self, _end: &StrokeEnd) {}
     /// A pulse lands. Pulses come in order, stroke by stroke.
@@ -320,7 +320,8 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
                 self.in_stroke = true;
             }
             _ => {
-                self.observer.corner(self.stroke, corner);
+                let lag_us = self.head.x.lag_us().max(self.head.y.lag_us());
+                self.observer.corner(self.stroke, corner, mark.speed_m_s * lag_us);
                 self.player.wait(self.settings.delays.at_corner_us(cosine));
             }
         }

@@ -131,7 +131,8 @@ pub struct Judge<F> {
 struct Waiting {
     start: StrokeEnd,
     end: Option<StrokeEnd>,
-    corners: VecDeque<Point>,
+    /// Places, and how far around them the beam rounds them off, µm.
+    corners: VecDeque<(Point, f64)>,
     /// Whether it has or had a corner.
     cornered: bool,
 }
@@ -246,7 +247,9 @@ impl<F: FnMut(&StrokeMeasure)> Judge<F> {
         let straight = 1.0 + (reach_um / nominal_um + 1e-9).floor();
         let ratio = near as f64 / straight;
         let at_corner = self.waiting.front_mut().is_some_and(|stroke| {
-            stroke.corners.iter().any(|corner| corner.distance(pulse.position_um) <= self.spot_um)
+            stroke.corners.iter().any(|(corner, reach_um)| {
+                corner.distance(pulse.position_um) <= self.spot_um.max(*reach_um)
+            })
         });
         let slot = if at_corner { &mut self.corner_overburn } else { &mut self.overburn };
         *slot = slot.max(ratio);
@@ -263,10 +266,10 @@ impl<F: FnMut(&StrokeMeasure)> Observer for Judge<F> {
         });
     }
 
-    fn corner(&mut self, stroke: u64, at_um: Point) {
+    fn corner(&mut self, stroke: u64, at_um: Point, reach_um: f64) {
         if let Some(waiting) = self.waiting.iter_mut().rev().find(|w| w.start.stroke == stroke) {
             waiting.cornered = true;
-            waiting.corners.push_back(at_um);
+            waiting.corners.push_back((at_um, reach_um));
             if waiting.corners.len() > 16 {
                 waiting.corners.pop_front();
             }

@@ -159,6 +159,7 @@ pub struct Postprocessor<'a, S> {
     first: bool,
     /// Way until the laser goes on, with [`LaserControl::Inline`], µm.
     dark_um: f64,
+    jump_speed_m_s: f64,
     /// Time in which the head settles after a jump, µs.
     after_jump_us: f64,
     /// How far the command is beside the drawn path at the start of the held vector, µm.
@@ -182,9 +183,11 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
         options.validate()?;
         let PostOptions { method, beam_um, tolerance, .. } = options;
         let compensator = Compensator::new(knowledge, method, beam_um, tolerance)?;
+        let jump_speed_m_s = compensator.jump_speed_m_s(head.controller.jump_speed_m_s);
         Ok(Self {
             head,
-            after_jump_us: compensator.settled_us(head.controller.jump_speed_m_s),
+            jump_speed_m_s,
+            after_jump_us: compensator.settled_us(jump_speed_m_s),
             compensator,
             options,
             sink,
@@ -397,7 +400,7 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
         let settings = ProgramSettings {
             pulse_rate_hz: 1e6 / period_us,
             delays,
-            jump_speed_m_s: head.controller.jump_speed_m_s,
+            jump_speed_m_s: self.jump_speed_m_s,
             run_in_um: found.run_in_um,
             run_out_um,
             lateral_um: found.lateral_um,
