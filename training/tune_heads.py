@@ -3,9 +3,9 @@
 Run ``python training/tune_heads.py``. On each head and at each speed CMA-ES searches a correction
 of the formulas (``lasergym.galvo.tune``) on lines of three lengths in three directions; formulas
 and correction are then judged on drawn lines that it did not see. The formulas know what a
-laboratory would: of the shipped heads the head itself (the formulas fit), of the drawn ones a
-calibration from four noisy test lines along x, which knows neither the response of the laser nor
-the other axis. The cost of a line is (|start error| + |end error| + distance beside it)/10 µm +
+laboratory would: of the shipped heads the head itself (the formulas fit); of the drawn ones a
+calibration from four noisy test lines along x, which knows nothing of the other axis, or, where the
+laser is late, a model of the mirrors alone. The cost of a line is (|start error| + |end error| + distance beside it)/10 µm +
 largest |pitch - 1|/0.05 + extra time/2000 µs.
 """
 
@@ -113,7 +113,13 @@ def plants(folder: Path, draws: int, seed: int) -> Iterator[Plant]:
         for family, text in drawn_heads(generator):
             head = folder / f"{family.replace(' ', '-')}-{draw}.toml"
             head.write_text(text)
-            yield Plant(family, str(head), str(calibrated(head, folder, generator)))
+            if family == "late laser":
+                # Test lines would show the response as a shorter lag, and the formulas would fit.
+                known = folder / f"{head.stem}-known.toml"
+                known.write_text(text[: text.index("[laser]")])
+            else:
+                known = calibrated(head, folder, generator)
+            yield Plant(family, str(head), str(known))
 
 
 def judged_lines(generator: np.random.Generator) -> list[tuple[float, float]]:

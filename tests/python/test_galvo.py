@@ -238,6 +238,13 @@ def test_a_mirror_of_limited_acceleration_needs_more_than_a_straight_regression(
         line = galvo.measure_line(head, speed_m_s=speed, length_um=4000)
         assert length == pytest.approx(line.acceleration_um, abs=6)
         assert found.acceleration.at_um(speed) == length
+    # Its own model meets both ends, jumps included.
+    program = tmp_path / "job.nc"
+    galvo.postprocess(star_of_lines(tmp_path / "job.apt"), program, head=head, pitch_um=40)
+    judged = galvo.simulate(program, head=head)
+    assert np.abs(judged.strokes["length_error_um"]).max() < 2
+    assert judged.figures["pitch_min"] is not None
+    assert judged.figures["pitch_min"] > 0.97
 
 
 def test_a_recorded_head_is_found(tmp_path: Path) -> None:

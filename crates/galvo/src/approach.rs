@@ -116,11 +116,20 @@ impl<'a> Approaches<'a> {
         }
     }
 
-    /// Fastest test line of axes whose acceleration length is not straight in the speed.
+    /// Speed up to which the axes are known to be linear, or to have been measured, if there is such a
+    /// bound, m/s.
     pub(crate) fn fastest_m_s(&self) -> Option<f64> {
-        let KnownAxes::Lines { x, y } = self.axes else { return None };
-        let speeds = [x, y].into_iter().filter_map(|axis| axis.acceleration.points.last());
-        speeds.map(|point| point.speed_m_s).reduce(f64::min)
+        let of_axes = match self.axes {
+            KnownAxes::Lines { x, y } => [x, y].map(|axis| {
+                let last = axis.acceleration.points.last();
+                last.map(|point| point.speed_m_s)
+            }),
+            KnownAxes::Model { x, y } => [x, y].map(|axis| match &axis.follower {
+                Follower::Limited(servo) => Some(servo.free_speed_m_s()),
+                Follower::Servo(_) | Follower::Step(_) => None,
+            }),
+        };
+        of_axes.into_iter().flatten().reduce(f64::min)
     }
 
     /// The start of a stroke along `direction`, of length 1.

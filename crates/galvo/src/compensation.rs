@@ -167,8 +167,8 @@ impl<'a> Compensator<'a> {
         })
     }
 
-    /// Speed of jumps where `set_m_s` is allowed, m/s: of axes whose test lines do not grow straight
-    /// with the speed nothing is known beyond the fastest of them.
+    /// Speed of jumps where `set_m_s` is allowed, m/s. Axes whose acceleration is limited jump no faster
+    /// than they stay linear, those whose test lines show it no faster than the fastest of these.
     pub(crate) fn jump_speed_m_s(&self, set_m_s: f64) -> f64 {
         self.approaches.fastest_m_s().map_or(set_m_s, |fastest| fastest.min(set_m_s))
     }

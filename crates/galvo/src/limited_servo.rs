@@ -41,6 +41,18 @@ impl LimitedServo {
         check_option("acceleration_limit_m_s2", limit, ok, "in [1, 1e9] m/s²")
     }
 
+    /// Up to this speed a start from rest never asks for more than the limit, m/s: the servo is linear.
+    #[must_use]
+    pub fn free_speed_m_s(&self) -> f64 {
+        let poles = self.poles();
+        let step_us = 0.002 * self.lag_us;
+        // The acceleration after a start at 1 m/s is the impulse response.
+        let steepest =
+            (1..=2000).map(|k| poles.oscillation(f64::from(k) * step_us).1).fold(0.0, f64::max);
+        let limit = self.acceleration_limit_m_s2 * UM_US2_PER_M_S2;
+        0.999 * limit / (poles.natural_rad_us.powi(2) * steepest)
+    }
+
     /// The servo without its limit.
     #[must_use]
     pub fn poles(&self) -> ServoPoles {
@@ -332,6 +344,26 @@ mod tests {
         assert!((mirror.speed_m_s - 2.0).abs() < 1e-12);
         state.advance(1e6);
         assert!((state.mirror(10_000.0, 0.0).position_um - 10_000.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn at_its_free_speed_it_is_the_servo() {
+        let servo = LimitedServo { lag_us: 216.4, damping: 0.9, acceleration_limit_m_s2: 4000.0 };
+        let speed = servo.free_speed_m_s();
+        // ω exp(−ζ/√(1−ζ²) arccos ζ) is the peak of the impulse response.
+        let (omega, root) = (1.8 / 216.4e-6, (1.0 - 0.81_f64).sqrt());
+        let peak = omega * (-0.9 / root * 0.9_f64.acos()).exp();
+        assert!((speed / (4000.0 / peak) - 0.999).abs() < 1e-5);
+        for (factor, free) in [(1.0, true), (1.01, false)] {
+            let mut limited = LimitedState::new(&servo);
+            let mut linear = ServoState::new(&servo.poles());
+            limited.kink(factor * speed, 0.0);
+            linear.kink(factor * speed, 0.0);
+            limited.advance(300.0);
+            linear.advance(300.0);
+            let (a, b) = (limited.mirror(0.0, speed), linear.mirror(0.0, speed));
+            assert_eq!((a.position_um - b.position_um).abs() < 1e-9, free);
+        }
     }
 
     #[test]
