@@ -5,8 +5,8 @@ of the formulas (``lasergym.galvo.tune``) on lines of three lengths in three dir
 and correction are then judged on drawn lines that it did not see. The formulas know what a
 laboratory would: of the shipped heads the head itself (the formulas fit); of the drawn ones a
 calibration from four noisy test lines along x, which knows nothing of the other axis, or, where the
-laser is late, a model of the mirrors alone. The cost of a line is (|start error| + |end error| + distance beside it)/10 µm +
-largest |pitch - 1|/0.05 + extra time/2000 µs.
+laser is late, a model of the mirrors alone. The cost of a line is (|start error| + |end error| +
+distance beside it)/10 µm + largest |pitch - 1|/0.05 + extra time/2000 µs.
 """
 
 from __future__ import annotations
