@@ -1,5 +1,7 @@
 //! Lag and acceleration length as functions of speed, from measured test lines.
 
+use std::fmt::Write as _;
+
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -298,12 +300,14 @@ impl Calibration {
                 of.rms_um
             );
             for point in &of.points {
-                text += &format!(
-                    "[[{section}.{name}.points]]\nspeed_m_s = {:?}\nlength_um = {:?}\n",
+                // Writing to a String cannot fail.
+                let _ = writeln!(
+                    text,
+                    "[[{section}.{name}.points]]\nspeed_m_s = {:?}\nlength_um = {:?}",
                     point.speed_m_s, point.length_um
                 );
                 if let Some(width) = point.confidence_95_um {
-                    text += &format!("confidence_95_um = {width:?}\n");
+                    let _ = writeln!(text, "confidence_95_um = {width:?}");
                 }
             }
             text
@@ -442,7 +446,7 @@ mod tests {
                 let (short, ramp) = (lag * speed, 300.0 * speed);
                 // 4 µm per m/s behind the steady lag.
                 let time = 300.0 + lag + 4.0;
-                text += &format!("{speed},2000,{},{ramp},{axis},{time}\n", 2000.0 - short);
+                writeln!(text, "{speed},2000,{},{ramp},{axis},{time}", 2000.0 - short).unwrap();
             }
         }
         let found = HeadCalibration::fit(&read_test_lines(&text).unwrap()).unwrap();

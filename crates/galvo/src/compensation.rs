@@ -14,6 +14,7 @@ pub const DEFAULT_PITCH_TOLERANCE: f64 = 0.02;
 
 /// What is known of the two axes of a head.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "there is one for each head")]
 pub enum KnownAxes {
     /// Regressions of test lines: the formulas of Penchev et al.
     Lines {

@@ -123,16 +123,13 @@ impl ScanHead {
         let file: HeadFile = toml::from_str(text)
             .map_err(|error| GalvoError::Settings { what: "head", reason: error.to_string() })?;
         let calibration = file.calibration.map(CalibrationFile::calibration).transpose()?;
-        let axis = |own: Option<AxisFile>, known: Option<&Calibration>| match own
-            .or_else(|| file.axis.clone())
-        {
-            Some(axis) => axis.model(),
-            None => {
-                let lag_us =
-                    known.map_or(PENCHEV_LAG_US, |known| known.lag.slope_us.clamp(1.0, 1e5));
-                let follower = Follower::Servo(ServoPoles::bessel(lag_us));
-                Ok(AxisModel { follower, dead_time_us: 0.0 })
+        let axis = |own: Option<AxisFile>, known: Option<&Calibration>| {
+            if let Some(axis) = own.or_else(|| file.axis.clone()) {
+                return axis.model();
             }
+            let lag_us = known.map_or(PENCHEV_LAG_US, |known| known.lag.slope_us.clamp(1.0, 1e5));
+            let follower = Follower::Servo(ServoPoles::bessel(lag_us));
+            Ok(AxisModel { follower, dead_time_us: 0.0 })
         };
         let head = Self {
             x: axis(file.x, calibration.as_ref().map(|known| &known.x))?,

@@ -39,10 +39,12 @@ pub(crate) fn read_table_with(
         .all(|(k, name)| optional.contains(name) && !extra[..k].contains(name));
     if !names.starts_with(&required) || !known {
         let shown: String = first.chars().take(80).collect();
-        let mut reason = format!("the header is {shown:?}, not {header:?}");
-        if !optional.is_empty() {
-            reason += &format!(", which {} may follow", optional.join(" and "));
-        }
+        let more = if optional.is_empty() {
+            String::new()
+        } else {
+            format!(", which {} may follow", optional.join(" and "))
+        };
+        let reason = format!("the header is {shown:?}, not {header:?}{more}");
         return Err(GalvoError::Table { line: 1, column: 1, reason });
     }
     let places: Vec<Option<usize>> =

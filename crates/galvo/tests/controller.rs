@@ -25,6 +25,7 @@ fn mark(x: f64, y: f64) -> ProgramStep {
     ProgramStep::Mark { to_um: Point::new(x, y), speed_m_s: SPEED_M_S, lit: true }
 }
 
+#[allow(clippy::unwrap_used, reason = "a test that fails says where")]
 fn run(
     delays: Delays,
     sky_writing: Option<SkyWriting>,
