@@ -230,6 +230,9 @@ fn figures(report: &Report) -> Figures {
 /// of the means where these are used.
 type RegressionRow = ([f64; 5], Vec<(f64, f64, Option<f64>)>);
 
+/// Lag, acceleration length and, where it was measured, lead of an axis.
+type AxisRows = (RegressionRow, RegressionRow, Option<RegressionRow>);
+
 fn regression_row(of: &Regression) -> RegressionRow {
     let means = of.points.iter();
     (
@@ -247,9 +250,7 @@ fn regression_row(of: &Regression) -> RegressionRow {
 /// Fits lag, acceleration length and, where it was measured, lead to measured lines: TOML, and the
 /// three of x and of y.
 #[pyfunction]
-pub(crate) fn galvo_calibrate(
-    lines: &str,
-) -> PyResult<(String, Vec<(RegressionRow, RegressionRow, Option<RegressionRow>)>)> {
+pub(crate) fn galvo_calibrate(lines: &str) -> PyResult<(String, Vec<AxisRows>)> {
     let lines = read_test_lines(lines).map_err(galvo_error)?;
     let found = HeadCalibration::fit(&lines).map_err(galvo_error)?;
     let rows = |of: &Calibration| {
