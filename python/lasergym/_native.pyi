@@ -11,6 +11,7 @@ __all__ = [
     "Batch",
     "CmaEs",
     "Environment",
+    "GalvoLineSet",
     "GalvoLines",
     "MillingBatch",
     "MillingEnvironment",
@@ -34,7 +35,6 @@ __all__ = [
     "galvo_head",
     "galvo_heads",
     "galvo_identify",
-    "galvo_line_costs",
     "galvo_measure_line",
     "galvo_postprocess",
     "galvo_simulate",
@@ -469,7 +469,12 @@ def galvo_simulate(
     tuple[float, float, float, float] | None,
     tuple[NDArray[np.float32], bytes] | None,
 ]: ...
-def galvo_calibrate(lines: str) -> tuple[str, list[list[float]]]: ...
+
+_RegressionRow: TypeAlias = tuple[list[float], list[tuple[float, float, float | None]]]
+
+def galvo_calibrate(
+    lines: str,
+) -> tuple[str, list[tuple[_RegressionRow, _RegressionRow, _RegressionRow | None]]]: ...
 def galvo_identify(
     trajectory: str, family: str
 ) -> tuple[str, str, list[tuple[str, float, float]], float]: ...
@@ -478,16 +483,28 @@ def galvo_test_pattern(
 ) -> str: ...
 def galvo_measure_line(
     head: str, speed_m_s: float, length_um: float, angle_rad: float, tolerance: float
-) -> tuple[float, float]: ...
+) -> tuple[float, float, float]: ...
 def galvo_compensation(
-    head: str, method: str, speed_m_s: float, beam_um: float, tolerance: float
-) -> list[float]: ...
-def galvo_line_costs(
     head: str,
-    line: Sequence[float],
-    scales: Sequence[float],
-    rows: Sequence[Sequence[float]],
+    method: str,
+    line: tuple[float, float, float | None],
+    beam_um: float,
+    tolerance: float,
 ) -> list[float]: ...
+
+@final
+class GalvoLineSet:
+    def __new__(
+        cls,
+        head: str,
+        known: str,
+        method: str,
+        kind: Sequence[float],
+        scales: Sequence[float],
+        lines: Sequence[tuple[float, float]],
+    ) -> GalvoLineSet: ...
+    def costs(self, rows: Sequence[Sequence[float]]) -> list[float]: ...
+    def outcomes(self, correction: Sequence[float]) -> list[list[float]]: ...
 
 @final
 class GalvoLines:

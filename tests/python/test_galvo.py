@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from lasergym import galvo
 from lasergym.cli import main
@@ -18,9 +20,9 @@ def noisy_lines(head: str, path: Path, seed: int) -> Path:
     noise = np.random.default_rng(seed)
     rows = ["speed_m_s,nominal_um,measured_um,acceleration_um"]
     for speed in SPEEDS:
-        measured, acceleration = galvo.measure_line(head, speed_m_s=speed, length_um=4000)
-        measured += 1.5 * noise.standard_normal()
-        acceleration += 1.5 * noise.standard_normal()
+        line = galvo.measure_line(head, speed_m_s=speed, length_um=4000)
+        measured = line.measured_um + 1.5 * noise.standard_normal()
+        acceleration = line.acceleration_um + 1.5 * noise.standard_normal()
         rows.append(f"{speed},4000,{measured},{acceleration}")
     path.write_text("\n".join(rows))
     return path
@@ -38,10 +40,10 @@ def star_of_lines(path: Path, speed_m_s: float = 2.0) -> Path:
 
 def test_uncompensated_lines_are_as_short_as_the_paper_measured() -> None:
     for speed, short_um in ((0.5, 107.3), (2.0, 431.9)):
-        measured, _ = galvo.measure_line(speed_m_s=speed, angle_deg=30)
-        assert 2000 - measured == pytest.approx(short_um, rel=0.02)
-    _, acceleration = galvo.measure_line(speed_m_s=2.0, tolerance=0.063)
-    assert acceleration == pytest.approx(350, rel=0.03)
+        measured_um = galvo.measure_line(speed_m_s=speed, angle_deg=30).measured_um
+        assert 2000 - measured_um == pytest.approx(short_um, rel=0.02)
+    line = galvo.measure_line(speed_m_s=2.0, tolerance=0.063)
+    assert line.acceleration_um == pytest.approx(350, rel=0.03)
 
 
 @pytest.mark.parametrize("head", galvo.HEADS)
@@ -109,13 +111,140 @@ def test_foreign_programs_are_simulated(tmp_path: Path) -> None:
     assert judged.strokes["length_error_um"][0] == pytest.approx(-432, abs=45)
 
 
-def test_tuning_is_never_worse_than_the_formulas() -> None:
-    for head in ("bessel", "second-order"):
-        found = galvo.tune(head, speed_m_s=2.0, evaluations=300)
-        assert found.cost <= found.formula_cost
-    delays = galvo.tune("second-order", speed_m_s=2.0, delays_only=True, evaluations=200)
-    assert delays.run_in_um == 0
-    assert delays.cost <= delays.formula_cost
+@settings(max_examples=12, deadline=None)
+@given(
+    lag_us=st.floats(120, 320),
+    damping=st.floats(0.3, 1.2),
+    dead_us=st.floats(0, 80),
+    response_us=st.floats(0, 40),
+    speed=st.floats(0.3, 2.5),
+    known=st.sampled_from(galvo.HEADS),
+    delays_only=st.booleans(),
+    seed=st.integers(0, 2**32),
+)
+def test_tuning_is_never_worse_on_what_it_is_tuned_on(
+    tmp_path_factory: pytest.TempPathFactory,
+    lag_us: float,
+    damping: float,
+    dead_us: float,
+    response_us: float,
+    speed: float,
+    known: str,
+    delays_only: bool,
+    seed: int,
+) -> None:
+    head = tmp_path_factory.mktemp("tuned") / "head.toml"
+    head.write_text(
+        f'[axis]\nkind = "second-order"\nlag_us = {lag_us}\ndamping = {damping}\n'
+        f"dead_time_us = {dead_us}\n[laser]\nresponse_us = {response_us}\n"
+    )
+    options = {"speed_m_s": speed, "known": known, "delays_only": delays_only}
+    found = galvo.tune(head, **options, evaluations=40, seed=seed)
+    assert found.cost <= found.formula_cost
+    if delays_only:
+        assert found.run_in_um == found.run_out_um == 0
+    lines = [(length, angle) for length in (80, 400, 2000) for angle in (0, 35, 90)]
+    for correction, cost in (((0.0,) * 5, found.formula_cost), (found.correction_us, found.cost)):
+        made = galvo.machine_lines(head, **options, lines=lines, correction_us=correction)
+        assert made.cost.mean() == pytest.approx(cost)
+
+
+def test_tuning_finds_a_response_of_the_laser_that_nobody_knew(tmp_path: Path) -> None:
+    head = tmp_path / "head.toml"
+    head.write_text("[laser]\nresponse_us = 25\n")
+    found = galvo.tune(head, speed_m_s=2.0, known="bessel", evaluations=600)
+    assert found.cost < 0.3 * found.formula_cost
+    lines = [(1234.0, 77.0), (300.0, 200.0)]
+    options = {"speed_m_s": 2.0, "lines": lines, "known": "bessel"}
+    formulas = galvo.machine_lines(head, **options)
+    tuned = galvo.machine_lines(head, **options, correction_us=found.correction_us)
+    assert np.abs(formulas.start_error_um).min() > 45
+    assert np.abs(tuned.start_error_um).max() < 10
+    # The correction goes with the head file, between its speeds too.
+    known = tmp_path / "known.toml"
+    known.write_text(galvo.head_text("bessel") + found.toml)
+    program = tmp_path / "job.nc"
+    galvo.postprocess(star_of_lines(tmp_path / "job.apt"), program, head=known, pitch_um=20)
+    judged = galvo.simulate(program, head=head)
+    assert np.abs(judged.strokes["start_error_um"]).max() < 10
+
+
+def unequal_head(path: Path) -> Path:
+    """A head whose y axis lags 80 µs more than its x axis."""
+    path.write_text('[x]\nkind = "bessel"\nlag_us = 200\n[y]\nkind = "bessel"\nlag_us = 280\n')
+    return path
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_axes_that_differ_are_calibrated_apart(speed: float, tmp_path: Path) -> None:
+    head = unequal_head(tmp_path / "head.toml")
+    noise = np.random.default_rng(3)
+    rows = ["speed_m_s,nominal_um,measured_um,acceleration_um,axis,acceleration_time_us"]
+    for axis, angle_deg in (("x", 0), ("y", 90)):
+        for v in SPEEDS:
+            line = galvo.measure_line(head, speed_m_s=v, length_um=4000, angle_deg=angle_deg)
+            lengths = np.array(line[:2]) + 1.5 * noise.standard_normal(2)
+            rows.append(f"{v},4000,{lengths[0]},{lengths[1]},{axis},{line.acceleration_time_us}")
+    lines = tmp_path / "lines.csv"
+    lines.write_text("\n".join(rows))
+    found = galvo.calibrate(lines)
+    assert found.x.lag.slope_us == pytest.approx(200, abs=4)
+    assert found.y.lag.slope_us == pytest.approx(280, abs=4)
+    known = tmp_path / "known.toml"
+    known.write_text(found.toml)
+    job, program = star_of_lines(tmp_path / "job.apt", speed), tmp_path / "job.nc"
+    for knows in (known, head):
+        galvo.postprocess(job, program, head=knows, pitch_um=40)
+        judged = galvo.simulate(program, head=head)
+        assert np.abs(judged.strokes["length_error_um"]).max() < 10
+        assert judged.strokes["lateral_error_um"].max() < 10
+        assert judged.figures["lateral_error_um_max"] == judged.strokes["lateral_error_um"].max()
+        assert judged.figures["pitch_min"] is not None
+        assert judged.figures["pitch_min"] > 0.95
+    galvo.postprocess(job, program, head="bessel", pitch_um=40)
+    worst = galvo.simulate(program, head=head).strokes["lateral_error_um"].max()
+    assert worst > 30 * speed
+
+
+def test_curves_are_followed_by_axes_that_differ(tmp_path: Path) -> None:
+    head = unequal_head(tmp_path / "head.toml")
+    job, program = tmp_path / "job.apt", tmp_path / "job.nc"
+    job.write_text("RAPID\nGOTO/4,0\nCIRCLE/0,0,0,0,0,1,4\nGOTO/4,0\n")
+    radii = []
+    for knows in (head, "bessel"):
+        galvo.postprocess(job, program, head=knows, pitch_um=20, speed_m_s=1.0)
+        judged = galvo.simulate(program, head=head, map_px=800)
+        assert judged.energy is not None
+        assert judged.box_um is not None
+        rows, columns = np.nonzero(judged.energy > 0.5 * judged.energy.max())
+        cell_um = (judged.box_um[2] - judged.box_um[0]) / judged.energy.shape[1]
+        x = judged.box_um[0] + (columns + 0.5) * cell_um
+        y = judged.box_um[1] + (rows + 0.5) * cell_um
+        # Unequal lags turn a circle into an ellipse along its diagonals.
+        diagonal = [np.abs(x + side * y).max() / np.sqrt(2) for side in (1, -1)]
+        radii.append(abs(diagonal[0] - diagonal[1]))
+    assert radii[0] < 0.5 * radii[1], radii
+
+
+def test_a_mirror_of_limited_acceleration_needs_more_than_a_straight_regression(
+    tmp_path: Path,
+) -> None:
+    head = "acceleration-limit"
+    found = galvo.calibrate(noisy_lines(head, tmp_path / "lines.csv", seed=7))
+    assert not found.lag.means
+    assert len(found.acceleration.means) == len(SPEEDS)
+    for speed, length, width in found.acceleration.means:
+        assert width is None
+        line = galvo.measure_line(head, speed_m_s=speed, length_um=4000)
+        assert length == pytest.approx(line.acceleration_um, abs=6)
+        assert found.acceleration.at_um(speed) == length
+    # Its own model meets both ends, jumps included.
+    program = tmp_path / "job.nc"
+    galvo.postprocess(star_of_lines(tmp_path / "job.apt"), program, head=head, pitch_um=40)
+    judged = galvo.simulate(program, head=head)
+    assert np.abs(judged.strokes["length_error_um"]).max() < 2
+    assert judged.figures["pitch_min"] is not None
+    assert judged.figures["pitch_min"] > 0.97
 
 
 def test_a_recorded_head_is_found(tmp_path: Path) -> None:
@@ -196,11 +325,54 @@ def test_the_commands_work_together(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert (job / "energy.png").stat().st_size > 100
 
 
+def test_tuned_heads_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    head, tuned = tmp_path / "head.toml", tmp_path / "tuned.toml"
+    head.write_text("[laser]\nresponse_us = 20\n")
+    few = ("--evaluations", "60", "--lengths-um", "400", "--json")
+    code, out, _ = run(
+        capsys,
+        *("galvo", "tune", str(head), "--known", "bessel", "--speeds-m-s", "2,1", *few),
+        *("-o", str(tuned)),
+    )
+    assert code == 0
+    speeds = json.loads(out)["speeds"]
+    assert [row["speed_m_s"] for row in speeds] == [1, 2]
+    assert all(row["cost"] < row["formula_cost"] for row in speeds)
+    assert tuned.read_text().count("[[correction]]") == 2
+    corrected = galvo.compensation(tuned, speed_m_s=2.0)
+    plain = galvo.compensation("bessel", speed_m_s=2.0)
+    assert corrected.run_in_um == pytest.approx(speeds[1]["run_in_um"])
+    assert corrected.on_us == pytest.approx(speeds[1]["on_us"])
+    assert corrected != plain
+    # Written again, corrections are replaced.
+    arguments = ("galvo", "tune", str(head), "--known", str(tuned), "--speeds-m-s", "1", *few)
+    assert run(capsys, *arguments, "-o", str(tuned))[0] == 0
+    assert tuned.read_text().count("[[correction]]") == 1
+
+    delays = tmp_path / "delays.toml"
+    arguments = ("galvo", "tune", str(head), "--delays-only", "--speeds-m-s", "1")
+    code, _, _ = run(capsys, *arguments, *few, "-o", str(delays))
+    assert code == 0
+    assert "[controller.delays]" in delays.read_text()
+    program = tmp_path / "foreign.nc"
+    program.write_text("G21 G90\nM4 S0\nG0 X-1 Y0\nG1 X1 F60000 S800\nG0 X-1 Y1\nG1 X1\nM5\n")
+    without, with_delays = (
+        np.abs(galvo.simulate(program, head=of).strokes["length_error_um"]).max()
+        for of in (head, delays)
+    )
+    assert with_delays < 0.5 * without
+    code, out, _ = run(capsys, "galvo", "tune", "--speeds-m-s", "1", "--evaluations", "10")
+    assert code == 0
+    assert "formulas" in out
+
+
 def test_the_commands_refuse_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     job = star_of_lines(tmp_path / "job.apt")
     for arguments, words in (
         (("calibrate",), "--pattern"),
         (("calibrate", "--pattern", "--speeds-m-s", "x"), "commas"),
+        (("tune", "--angles-deg", "x"), "commas"),
+        (("tune", "--delays-only", "-o", str(tmp_path / "x.toml")), "one speed"),
         (("post", str(job), "-o", str(job)), "another name"),
         (("post", str(job), "-o", str(tmp_path / "x.nc"), "--method", "axe"), "adaptive"),
         (("simulate", str(job), "-o", str(job)), "folder"),

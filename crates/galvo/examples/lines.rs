@@ -1,5 +1,6 @@
 //! The 2 mm lines of Penchev et al. on each head that comes with the crate: without compensation,
-//! with delays only, and postprocessed with a calibration from 4 noisy lines and with a model.
+//! with delays only, and postprocessed with a calibration from 4 noisy lines, without and with
+//! their acceleration times, and with a model.
 //!
 //! `cargo run --release -p lasergym-galvo --example lines`
 
@@ -25,9 +26,10 @@ const REPEATS: u32 = 10;
 /// Standard deviation of measured lengths, µm.
 const NOISE_UM: f64 = 1.5;
 
-/// Four lines, one at each speed, measured with noise.
+/// Four lines, one at each speed, measured with noise; with their acceleration times when `timed`.
 fn noisy_calibration(
     head: &ScanHead,
+    timed: bool,
     generator: &mut Pcg64,
 ) -> Result<Calibration, Box<dyn Error>> {
     let noise = Normal::new(0.0, NOISE_UM)?;
@@ -37,6 +39,9 @@ fn noisy_calibration(
         let mut line = measure_line(head, speed, 4000.0, 0.0, end)?;
         line.measured_um += noise.sample(generator);
         line.acceleration_um += noise.sample(generator);
+        if !timed {
+            line.acceleration_time_us = None;
+        }
         lines.push(line);
     }
     Ok(Calibration::fit(&lines)?)
@@ -82,12 +87,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut generator = Pcg64::seed_from_u64(1);
     for (name, _) in ScanHead::shipped_texts() {
         let head = ScanHead::shipped(name)?;
-        let lines_known = HeadKnowledge::Lines(noisy_calibration(&head, &mut generator)?);
-        let model_known = HeadKnowledge::Model(head.x.clone());
+        let lines_known = HeadKnowledge::lines(noisy_calibration(&head, false, &mut generator)?);
+        let timed_known = HeadKnowledge::lines(noisy_calibration(&head, true, &mut generator)?);
+        let model_known = HeadKnowledge::model(head.x.clone());
         for (knows, knowledge, method, called) in [
             ("lines", &lines_known, Method::None, "none"),
             ("lines", &lines_known, Method::DelaysOnly, "delays"),
             ("lines", &lines_known, Method::Adaptive, "adaptive"),
+            ("timed", &timed_known, Method::Adaptive, "adaptive"),
             ("model", &model_known, Method::Adaptive, "adaptive"),
         ] {
             for speed in SPEEDS_M_S {

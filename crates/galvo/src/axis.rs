@@ -4,16 +4,19 @@ use std::collections::VecDeque;
 
 use crate::GalvoError;
 use crate::error::check_option;
+use crate::limited_servo::{LimitedServo, LimitedState};
 use crate::servo::{MirrorState, Ramp, ServoPoles, ServoState};
 use crate::step_response::{StepResponse, StepState};
 
-/// How a mirror follows its command. All have DC gain 1 and are linear.
+/// How a mirror follows its command. All have DC gain 1.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Follower {
     /// Two or three poles.
     Servo(ServoPoles),
     /// A step response, recorded or that of a constant acceleration time.
     Step(StepResponse),
+    /// Two poles and a largest acceleration; the only one that is not linear.
+    Limited(LimitedServo),
 }
 
 /// A follower behind a dead time.
@@ -36,6 +39,7 @@ impl AxisModel {
         match &self.follower {
             Follower::Servo(poles) => poles.validate(),
             Follower::Step(_) => Ok(()),
+            Follower::Limited(servo) => servo.validate(),
         }
     }
 
@@ -46,7 +50,14 @@ impl AxisModel {
             + match &self.follower {
                 Follower::Servo(poles) => poles.lag_us(),
                 Follower::Step(response) => response.lag_us(),
+                Follower::Limited(servo) => servo.lag_us,
             }
+    }
+
+    /// Whether everything that it does grows in proportion to the speed.
+    #[must_use]
+    pub fn is_linear(&self) -> bool {
+        !matches!(self.follower, Follower::Limited(_))
     }
 }
 
@@ -70,6 +81,7 @@ pub(crate) struct AxisTracker {
 enum State {
     Servo(ServoState),
     Step(StepState),
+    Limited(LimitedState),
 }
 
 impl AxisTracker {
@@ -78,6 +90,7 @@ impl AxisTracker {
         let state = match &model.follower {
             Follower::Servo(poles) => State::Servo(ServoState::new(poles)),
             Follower::Step(response) => State::Step(StepState::new(response, position_um)),
+            Follower::Limited(servo) => State::Limited(LimitedState::new(servo)),
         };
         Self {
             state,
@@ -126,15 +139,14 @@ impl AxisTracker {
 
     /// Position and speed now.
     pub(crate) fn mirror(&self) -> MirrorState {
+        let command_um = || {
+            let current = self.ahead.front();
+            current.map_or(self.resting_um, |ramp| ramp.start_um + ramp.speed * self.spent_us)
+        };
         match &self.state {
-            State::Servo(servo) => {
-                let command_um = self
-                    .ahead
-                    .front()
-                    .map_or(self.resting_um, |ramp| ramp.start_um + ramp.speed * self.spent_us);
-                servo.mirror(command_um, self.speed)
-            }
+            State::Servo(servo) => servo.mirror(command_um(), self.speed),
             State::Step(step) => step.mirror(),
+            State::Limited(servo) => servo.mirror(command_um(), self.speed),
         }
     }
 
@@ -146,6 +158,9 @@ impl AxisTracker {
                 servo.kink(ramp.speed - self.speed, ramp.start_um - self.resting_um);
             }
             State::Step(step) => step.begin(ramp),
+            State::Limited(servo) => {
+                servo.kink(ramp.speed - self.speed, ramp.start_um - self.resting_um);
+            }
         }
         self.speed = ramp.speed;
     }
@@ -153,6 +168,7 @@ impl AxisTracker {
     fn rest(&mut self) {
         match &mut self.state {
             State::Servo(servo) => servo.kink(-self.speed, 0.0),
+            State::Limited(servo) => servo.kink(-self.speed, 0.0),
             State::Step(step) => {
                 step.begin(Ramp { start_um: self.resting_um, speed: 0.0, duration_us: 1.0 });
             }
@@ -165,6 +181,7 @@ impl AxisTracker {
             match &mut self.state {
                 State::Servo(servo) => servo.advance(t_us),
                 State::Step(step) => step.advance(t_us),
+                State::Limited(servo) => servo.advance(t_us),
             }
         }
     }
@@ -174,6 +191,19 @@ impl AxisTracker {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    pub(crate) fn any_limited_axis() -> impl Strategy<Value = AxisModel> {
+        (100.0..400.0_f64, 0.4..1.5_f64, 1e3..1e5_f64, 0.0..100.0_f64).prop_map(
+            |(lag_us, damping, acceleration_limit_m_s2, dead_time_us)| AxisModel {
+                follower: Follower::Limited(LimitedServo {
+                    lag_us,
+                    damping,
+                    acceleration_limit_m_s2,
+                }),
+                dead_time_us,
+            },
+        )
+    }
 
     pub(crate) fn any_axis() -> impl Strategy<Value = AxisModel> {
         let follower = prop_oneof![
@@ -203,7 +233,7 @@ mod tests {
     proptest! {
         #[test]
         fn positions_do_not_depend_on_when_they_are_asked_for(
-            axis in any_axis(),
+            axis in prop_oneof![any_axis(), any_limited_axis()],
             speeds in proptest::collection::vec(-2.0..2.0_f64, 1..6),
             steps in proptest::collection::vec(0.0..200.0_f64, 1..8),
         ) {
@@ -222,7 +252,7 @@ mod tests {
 
         #[test]
         fn at_constant_speed_the_mirror_lags_by_the_lag(
-            axis in any_axis(), speed in 0.1..3.0_f64
+            axis in prop_oneof![any_axis(), any_limited_axis()], speed in 0.1..3.0_f64
         ) {
             let mut tracker = AxisTracker::new(&axis, 0.0);
             tracker.command(Ramp { start_um: 0.0, speed, duration_us: 1e5 });

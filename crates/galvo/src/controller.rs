@@ -29,8 +29,8 @@ pub struct StrokeEnd {
 pub trait Observer {
     /// A stroke begins.
     fn stroke_begins(&mut self, _start: &StrokeEnd) {}
-    /// A stroke has a corner at `at_um`.
-    fn corner(&mut self, _stroke: u64, _at_um: Point) {}
+    /// A stroke has a corner at `at_um`, which a lagging beam rounds off within about `reach_um`.
+    fn corner(&mut self, _stroke: u64, _at_um: Point, _reach_um: f64) {}
     /// The commands of a stroke have ended; its last pulses may still come.
     fn stroke_ends(&mut self, _end: &StrokeEnd) {}
     /// A pulse lands. Pulses come in order, stroke by stroke.
@@ -226,7 +226,7 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
             self.arrive(Some(velocity));
             self.started = true;
             self.observer.stroke_begins(&self.end_of(
-                start + direction * self.settings.run_in_um,
+                self.drawn(start + direction * self.settings.run_in_um, direction),
                 direction,
                 mark.speed_m_s,
             ));
@@ -320,7 +320,8 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
                 self.in_stroke = true;
             }
             _ => {
-                self.observer.corner(self.stroke, corner);
+                let lag_us = self.head.x.lag_us().max(self.head.y.lag_us());
+                self.observer.corner(self.stroke, corner, mark.speed_m_s * lag_us);
                 self.player.wait(self.settings.delays.at_corner_us(cosine));
             }
         }
@@ -331,7 +332,7 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
         if self.lit {
             self.switch_off();
         }
-        let drawn = mark.to_um - direction * self.settings.run_out_um;
+        let drawn = self.drawn(mark.to_um - direction * self.settings.run_out_um, direction);
         self.observer.stroke_ends(&self.end_of(drawn, direction, mark.speed_m_s));
         self.run_out(mark.to_um, direction * mark.speed_m_s);
         if self.sky().is_none() {
@@ -339,6 +340,11 @@ impl<'a, O: Observer> ProgramRun<'a, O> {
         }
         self.in_stroke = false;
         self.stroke += 1;
+    }
+
+    /// Where a place that is commanded on a stroke was drawn.
+    fn drawn(&self, commanded_um: Point, direction: Point) -> Point {
+        commanded_um - Point::new(-direction.y, direction.x) * self.settings.lateral_um
     }
 
     fn end_of(&self, at_um: Point, direction: Point, speed_m_s: f64) -> StrokeEnd {

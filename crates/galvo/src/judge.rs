@@ -27,6 +27,8 @@ pub struct StrokeMeasure {
     pub pitch_min: f64,
     /// Largest distance of neighbouring pulses, in nominal ones.
     pub pitch_max: f64,
+    /// Largest distance of a pulse from the drawn line, µm; NaN for a stroke with corners.
+    pub lateral_error_um: f64,
 }
 
 /// What is measured on a program. Pitches are 1 where pulses are speed/rate apart; NaN where there is
@@ -47,6 +49,8 @@ pub struct Report {
     pub length_error_um_deviation: f64,
     /// Largest |start error| or |end error|, µm.
     pub edge_error_um_max: f64,
+    /// Largest distance of a pulse of a straight stroke from the drawn line, µm.
+    pub lateral_error_um_max: f64,
     /// Smallest pitch.
     pub pitch_min: f64,
     /// Largest pitch.
@@ -113,6 +117,8 @@ pub struct Judge<F> {
     all_pitches: Sums,
     lengths: Sums,
     edges: Sums,
+    laterals: Sums,
+    lateral_um: f64,
     strokes: u64,
     empty: u64,
     stroke_pulses: u64,
@@ -125,7 +131,10 @@ pub struct Judge<F> {
 struct Waiting {
     start: StrokeEnd,
     end: Option<StrokeEnd>,
-    corners: VecDeque<Point>,
+    /// Places, and how far around them the beam rounds them off, µm.
+    corners: VecDeque<(Point, f64)>,
+    /// Whether it has or had a corner.
+    cornered: bool,
 }
 
 impl<F: FnMut(&StrokeMeasure)> Judge<F> {
@@ -143,6 +152,8 @@ impl<F: FnMut(&StrokeMeasure)> Judge<F> {
             all_pitches: Sums::NONE,
             lengths: Sums::NONE,
             edges: Sums::NONE,
+            laterals: Sums::NONE,
+            lateral_um: 0.0,
             strokes: 0,
             empty: 0,
             stroke_pulses: 0,
@@ -168,6 +179,7 @@ impl<F: FnMut(&StrokeMeasure)> Judge<F> {
             length_error_um_mean: self.lengths.mean(),
             length_error_um_deviation: self.lengths.deviation(),
             edge_error_um_max: edge_low.abs().max(edge_high.abs()),
+            lateral_error_um_max: self.laterals.range().1,
             pitch_min,
             pitch_max,
             pitch_deviation: self.all_pitches.deviation(),
@@ -184,6 +196,7 @@ impl<F: FnMut(&StrokeMeasure)> Judge<F> {
         self.recent.clear();
         let pulses = std::mem::take(&mut self.stroke_pulses);
         let pitches = std::mem::replace(&mut self.pitches, Sums::NONE);
+        let lateral_um = std::mem::take(&mut self.lateral_um);
         let (Some(first), Some(last), Some(end)) = (first, last, stroke.end) else {
             self.empty += 1;
             return;
@@ -204,7 +217,11 @@ impl<F: FnMut(&StrokeMeasure)> Judge<F> {
             length_error_um: end_error_um - start_error_um,
             pitch_min,
             pitch_max,
+            lateral_error_um: if stroke.cornered { f64::NAN } else { lateral_um },
         };
+        if !stroke.cornered {
+            self.laterals.add(lateral_um);
+        }
         self.strokes += 1;
         self.lengths.add(measure.length_error_um);
         self.edges.add(start_error_um);
@@ -230,7 +247,9 @@ impl<F: FnMut(&StrokeMeasure)> Judge<F> {
         let straight = 1.0 + (reach_um / nominal_um + 1e-9).floor();
         let ratio = near as f64 / straight;
         let at_corner = self.waiting.front_mut().is_some_and(|stroke| {
-            stroke.corners.iter().any(|corner| corner.distance(pulse.position_um) <= self.spot_um)
+            stroke.corners.iter().any(|(corner, reach_um)| {
+                corner.distance(pulse.position_um) <= self.spot_um.max(*reach_um)
+            })
         });
         let slot = if at_corner { &mut self.corner_overburn } else { &mut self.overburn };
         *slot = slot.max(ratio);
@@ -239,12 +258,18 @@ impl<F: FnMut(&StrokeMeasure)> Judge<F> {
 
 impl<F: FnMut(&StrokeMeasure)> Observer for Judge<F> {
     fn stroke_begins(&mut self, start: &StrokeEnd) {
-        self.waiting.push_back(Waiting { start: *start, end: None, corners: VecDeque::new() });
+        self.waiting.push_back(Waiting {
+            start: *start,
+            end: None,
+            corners: VecDeque::new(),
+            cornered: false,
+        });
     }
 
-    fn corner(&mut self, stroke: u64, at_um: Point) {
+    fn corner(&mut self, stroke: u64, at_um: Point, reach_um: f64) {
         if let Some(waiting) = self.waiting.iter_mut().rev().find(|w| w.start.stroke == stroke) {
-            waiting.corners.push_back(at_um);
+            waiting.cornered = true;
+            waiting.corners.push_back((at_um, reach_um));
             if waiting.corners.len() > 16 {
                 waiting.corners.pop_front();
             }
@@ -274,6 +299,12 @@ impl<F: FnMut(&StrokeMeasure)> Observer for Judge<F> {
         }
         if self.spot_um > 0.0 && nominal_um > 0.0 {
             self.count_neighbours(pulse, nominal_um);
+        }
+        if let Some(stroke) = self.waiting.front() {
+            let way = pulse.position_um - stroke.start.at_um;
+            let toward = stroke.start.direction;
+            let beside_um = toward.x * way.y - toward.y * way.x;
+            self.lateral_um = self.lateral_um.max(beside_um.abs());
         }
         self.first.get_or_insert(*pulse);
         self.last = Some(*pulse);

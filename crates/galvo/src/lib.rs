@@ -7,10 +7,12 @@
 //!
 //! Positions are µm, x right and y up; times µs; speeds m/s, which are µm/µs.
 
+mod approach;
 mod axis;
 mod calibration;
 mod compensation;
 mod controller;
+mod correction;
 mod delays;
 mod energy_map;
 mod error;
@@ -19,6 +21,8 @@ mod identification;
 mod judge;
 mod laser;
 mod least_squares;
+mod limited_servo;
+mod line_set;
 mod line_task;
 mod line_trial;
 mod player;
@@ -36,9 +40,15 @@ mod table;
 mod test_line;
 
 pub use axis::{AxisModel, Follower};
-pub use calibration::{Calibration, Regression, TEST_LINE_HEADER, TestLine, read_test_lines};
-pub use compensation::{Compensation, DEFAULT_PITCH_TOLERANCE, HeadKnowledge, Method};
+pub use calibration::{
+    Axis, Calibration, HeadCalibration, MeasuredLength, Regression, TEST_LINE_HEADER,
+    TEST_LINE_OPTIONAL, TestLine, read_test_lines,
+};
+pub use compensation::{
+    Compensation, DEFAULT_PITCH_TOLERANCE, HeadKnowledge, KnownAxes, Method, StraightStroke,
+};
 pub use controller::{MAX_PROGRAM_PULSES, Observer, ProgramRun, StrokeEnd};
+pub use correction::{CORRECTION_VALUES, Correction, SpeedCorrection};
 pub use delays::{Delays, SkyWriting, SkyWritingMode};
 pub use energy_map::{EnergyMap, MAX_MAP_CELLS};
 pub use error::GalvoError;
@@ -49,8 +59,10 @@ pub use identification::{
 };
 pub use judge::{Judge, Report, StrokeMeasure};
 pub use laser::{Laser, PulseTrain};
+pub use limited_servo::LimitedServo;
+pub use line_set::{LineKind, LineSet};
 pub use line_task::{LINE_ACTION, LINE_OBSERVATION, LineOptions, LineTask};
-pub use line_trial::{LineOutcome, LineScales, LineTrial};
+pub use line_trial::{LineOutcome, LineScales, LineTrial, PulseFit};
 pub use player::{Player, PulseLanding, Purpose, TimeSplit};
 pub use postprocessor::{LaserControl, PostOptions, Postprocessor, PulseGrid};
 pub use program::{ProgramSettings, ProgramStep};

@@ -1,14 +1,16 @@
 //! A contextual problem: one line on a head that is only known by its test lines.
 
+use lasergym_geom::Point;
 use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
+use crate::approach::acceleration_us;
 use crate::axis::{AxisModel, Follower};
 use crate::calibration::{Calibration, Regression};
-use crate::compensation::{Compensation, HeadKnowledge, Method, acceleration_us};
+use crate::compensation::{Compensation, HeadKnowledge, Method, StraightStroke};
 use crate::error::check_option;
-use crate::line_trial::{LineOutcome, LineScales, LineTrial};
+use crate::line_trial::{LineOutcome, LineScales, LineTrial, PulseFit};
 use crate::servo::ServoPoles;
 use crate::step_response::StepResponse;
 use crate::{GalvoError, ScanHead};
@@ -90,7 +92,7 @@ impl LineTask {
             speed_m_s: 1.0,
             length_um: 1000.0,
             angle_rad: 0.0,
-            known: Calibration { lag: unknown, acceleration: unknown },
+            known: Calibration { lag: unknown.clone(), acceleration: unknown, lead: None },
         };
         task.reset(None)?;
         Ok(task)
@@ -129,7 +131,11 @@ impl LineTask {
             let noise: f64 = StandardNormal.sample(&mut self.generator);
             Regression::proportional((length_um + self.options.noise_um * noise).max(1.0))
         };
-        self.known = Calibration { lag: measured(lag_us), acceleration: measured(acceleration_um) };
+        self.known = Calibration {
+            lag: measured(lag_us),
+            acceleration: measured(acceleration_um),
+            lead: None,
+        };
         Ok(())
     }
 
@@ -171,8 +177,13 @@ impl LineTask {
     /// # Errors
     /// None for a line that was drawn.
     pub fn baseline(&self) -> Result<[f32; LINE_ACTION], GalvoError> {
-        let knowledge = HeadKnowledge::Lines(self.known);
-        let found = knowledge.compensation(Method::Adaptive, self.speed_m_s, BEAM_UM, 0.02)?;
+        let knowledge = HeadKnowledge::lines(self.known.clone());
+        let stroke = StraightStroke {
+            speed_m_s: self.speed_m_s,
+            direction: Point::new(self.angle_rad.cos(), self.angle_rad.sin()),
+            length_um: Some(self.length_um),
+        };
+        let found = knowledge.compensation(Method::Adaptive, &stroke, BEAM_UM, 0.02)?;
         let lag_us = self.known.lag.slope_us;
         let values = [
             found.run_in_um / self.speed_m_s,
@@ -195,6 +206,8 @@ impl LineTask {
             angle_rad: self.angle_rad,
             beam_um: BEAM_UM,
             pitch_um: PITCH_UM,
+            known_response_us: 0.0,
+            fit: PulseFit::Drawn,
             scales: self.options.scales,
         }
     }
@@ -215,6 +228,7 @@ impl LineTask {
             off_us,
             lag_us,
             settling_us: run_in_us,
+            lateral_um: 0.0,
         }
     }
 

@@ -15,7 +15,7 @@ const NO_PULSE_COST: f64 = 1e3;
 /// What costs 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineScales {
-    /// Sum of both edge errors, µm, in (0, 10⁴]. Default 10.
+    /// Sum of both edge errors and the distance beside the line, µm, in (0, 10⁴]. Default 10.
     pub edge_um: f64,
     /// Largest deviation of the pitch from 1, in (0, 10]. Default 0.05.
     pub pitch: f64,
@@ -52,10 +52,22 @@ pub struct LineOutcome {
     pub cost: f64,
     /// How far the line's edges are off, start and end, µm; NaN without a pulse.
     pub edge_errors_um: [f64; 2],
+    /// Largest distance of a pulse from the drawn line, µm; NaN without a pulse.
+    pub lateral_error_um: f64,
     /// Largest deviation of the pitch from 1; NaN with fewer than two pulses.
     pub pitch_deviation: f64,
     /// Time of the whole stroke, µs.
     pub time_us: f64,
+}
+
+/// What the pulse rate of a line is fitted to, so that a pulse falls on its end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PulseFit {
+    /// The drawn line at its speed.
+    #[default]
+    Drawn,
+    /// The time from the first pulse to the last, as the postprocessor does.
+    Gate,
 }
 
 /// A line to machine from rest.
@@ -73,11 +85,21 @@ pub struct LineTrial {
     pub beam_um: f64,
     /// Distance of pulses, about, µm.
     pub pitch_um: f64,
+    /// Response time of the laser that is allowed for, µs.
+    pub known_response_us: f64,
+    /// What the pulse rate is fitted to.
+    pub fit: PulseFit,
     /// What costs 1.
     pub scales: LineScales,
 }
 
 impl LineTrial {
+    /// Direction of the line, of length 1.
+    #[must_use]
+    pub fn direction(&self) -> Point {
+        Point::new(self.angle_rad.cos(), self.angle_rad.sin())
+    }
+
     /// Machines the line with `found`.
     ///
     /// # Errors
@@ -89,26 +111,35 @@ impl LineTrial {
         check_option("pitch_um", pitch_um, (0.1..=1e4).contains(&pitch_um), "in [0.1, 1e4] µm")?;
         let ok = length_um > self.beam_um && length_um <= 1e5;
         check_option("length_um", length_um, ok, "above the beam's diameter, up to 1e5 µm")?;
-        let direction = Point::new(self.angle_rad.cos(), self.angle_rad.sin());
-        let lit_us = (length_um - self.beam_um) / speed;
+        let direction = self.direction();
+        let drawn_us = (length_um - self.beam_um) / speed;
+        let way_um = found.run_in_um + length_um + found.run_out_um;
+        let lit_us = match self.fit {
+            PulseFit::Drawn => drawn_us,
+            PulseFit::Gate => Some(way_um / speed + found.off_us - found.on_us)
+                .filter(|&gate_us| gate_us > 0.0)
+                .unwrap_or(drawn_us),
+        };
         let period_us = lit_us / (lit_us * speed / pitch_um).round().max(1.0);
         let settings = ProgramSettings {
             pulse_rate_hz: 1e6 / period_us,
             delays: Delays {
-                laser_on_us: found.on_us,
-                laser_off_us: found.off_us + 0.5 * period_us,
+                laser_on_us: found.on_us - self.known_response_us,
+                laser_off_us: found.off_us + 0.5 * period_us - self.known_response_us,
                 ..Delays::default()
             },
             run_in_um: found.run_in_um,
             run_out_um: found.run_out_um,
             beam_um: self.beam_um,
+            lateral_um: found.lateral_um,
             ..ProgramSettings::of_head(&self.head)
         };
+        let beside = Point::new(-direction.y, direction.x) * found.lateral_um;
         let steps = [
             ProgramStep::Settings(settings),
-            ProgramStep::Jump { to_um: direction * -found.run_in_um },
+            ProgramStep::Jump { to_um: beside - direction * found.run_in_um },
             ProgramStep::Mark {
-                to_um: direction * (length_um + found.run_out_um),
+                to_um: beside + direction * (length_um + found.run_out_um),
                 speed_m_s: speed,
                 lit: true,
             },
@@ -121,6 +152,7 @@ impl LineTrial {
             return Ok(LineOutcome {
                 cost: NO_PULSE_COST,
                 edge_errors_um: [f64::NAN; 2],
+                lateral_error_um: f64::NAN,
                 pitch_deviation: f64::NAN,
                 time_us,
             });
@@ -128,10 +160,13 @@ impl LineTrial {
         let pitch_deviation = (stroke.pitch_max - 1.0).abs().max((1.0 - stroke.pitch_min).abs());
         // Without two pulses there is no pitch: as bad as none of it being right.
         let spread = if pitch_deviation.is_nan() { 1.0 } else { pitch_deviation };
-        let edges = stroke.start_error_um.abs() + stroke.end_error_um.abs();
+        let lateral_error_um = stroke.lateral_error_um;
+        let edges =
+            stroke.start_error_um.abs() + stroke.end_error_um.abs() + lateral_error_um.abs();
         Ok(LineOutcome {
             cost: edges / self.scales.edge_um + spread / self.scales.pitch + excess,
             edge_errors_um: [stroke.start_error_um, stroke.end_error_um],
+            lateral_error_um,
             pitch_deviation,
             time_us,
         })
@@ -159,7 +194,7 @@ impl LineTrial {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{HeadKnowledge, Method};
+    use crate::{HeadKnowledge, Method, StraightStroke};
 
     #[test]
     fn the_postprocessor_costs_less_than_delays_and_those_less_than_nothing() {
@@ -171,12 +206,19 @@ mod tests {
             angle_rad: 0.3,
             beam_um: 40.0,
             pitch_um: 40.0,
+            known_response_us: 0.0,
+            fit: PulseFit::Gate,
             scales: LineScales::default(),
         };
         let knowledge = HeadKnowledge::of_head(&head);
         let [none, delays, adaptive] =
             [Method::None, Method::DelaysOnly, Method::Adaptive].map(|method| {
-                let found = knowledge.compensation(method, 2.0, 40.0, 0.02).unwrap();
+                let stroke = StraightStroke {
+                    speed_m_s: 2.0,
+                    direction: Point::new(0.3_f64.cos(), 0.3_f64.sin()),
+                    length_um: Some(2000.0),
+                };
+                let found = knowledge.compensation(method, &stroke, 40.0, 0.02).unwrap();
                 trial.machine(&found).unwrap()
             });
         assert!(adaptive.cost < 1.0 && adaptive.cost < delays.cost && delays.cost < none.cost);

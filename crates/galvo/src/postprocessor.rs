@@ -3,7 +3,9 @@
 use lasergym_geom::Point;
 use lasergym_toolpath::{VectorStep, arc_chords};
 
-use crate::compensation::{Compensation, DEFAULT_PITCH_TOLERANCE, HeadKnowledge, Method};
+use crate::compensation::{
+    Compensation, Compensator, DEFAULT_PITCH_TOLERANCE, HeadKnowledge, Method, StraightStroke,
+};
 use crate::delays::Delays;
 use crate::error::check_option;
 use crate::laser::check_pulse_rate;
@@ -122,11 +124,33 @@ struct Vector {
     speed_m_s: f64,
 }
 
+impl Vector {
+    /// To the left of its direction, of length 1.
+    fn normal(&self) -> Point {
+        Point::new(-self.direction.y, self.direction.x)
+    }
+
+    /// With its ends moved by `start` and `end`, in the same time.
+    fn moved(self, start: Point, end: Point) -> Self {
+        if start == Point::default() && end == Point::default() {
+            return self;
+        }
+        let (from, to) = (self.from + start, self.to + end);
+        let stretched = from.distance(to) / self.from.distance(self.to);
+        Self {
+            from,
+            to,
+            direction: (to - from).normalized(),
+            speed_m_s: self.speed_m_s * stretched,
+        }
+    }
+}
+
 /// Turns a job into a program, vector by vector, in constant memory.
 #[derive(Debug)]
 pub struct Postprocessor<'a, S> {
     head: &'a ScanHead,
-    knowledge: &'a HeadKnowledge,
+    compensator: Compensator<'a>,
     options: PostOptions,
     sink: S,
     at_um: Option<Point>,
@@ -135,8 +159,11 @@ pub struct Postprocessor<'a, S> {
     first: bool,
     /// Way until the laser goes on, with [`LaserControl::Inline`], µm.
     dark_um: f64,
-    /// The last speed and what it needs.
-    known: Option<(f64, Compensation)>,
+    jump_speed_m_s: f64,
+    /// Time in which the head settles after a jump, µs.
+    after_jump_us: f64,
+    /// How far the command is beside the drawn path at the start of the held vector, µm.
+    shift: Point,
     settings: Option<ProgramSettings>,
     vectors: u64,
     least_cosine: f64,
@@ -154,16 +181,21 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
         sink: S,
     ) -> Result<Self, GalvoError> {
         options.validate()?;
+        let PostOptions { method, beam_um, tolerance, .. } = options;
+        let compensator = Compensator::new(knowledge, method, beam_um, tolerance)?;
+        let jump_speed_m_s = compensator.jump_speed_m_s(head.controller.jump_speed_m_s);
         Ok(Self {
             head,
-            knowledge,
+            jump_speed_m_s,
+            after_jump_us: compensator.settled_us(jump_speed_m_s),
+            compensator,
             options,
             sink,
             at_um: None,
             held: None,
             first: true,
             dark_um: 0.0,
-            known: None,
+            shift: Point::default(),
             settings: None,
             vectors: 0,
             least_cosine: options.corner_deg.to_radians().cos(),
@@ -229,7 +261,7 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
             let cosine = held.direction.x * direction.x + held.direction.y * direction.y;
             let same_speed = (held.speed_m_s - speed_m_s).abs() <= 1e-9 * speed_m_s;
             if same_speed && cosine >= self.least_cosine {
-                self.emit(held, false)?;
+                self.emit(held, Some(vector))?;
                 self.first = false;
                 self.held = Some(vector);
                 return Ok(());
@@ -243,31 +275,43 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
 
     fn end_stroke(&mut self) -> Result<(), GalvoError> {
         let Some(held) = self.held.take() else { return Ok(()) };
-        self.emit(held, true)?;
+        self.emit(held, None)?;
         self.first = true;
         Ok(())
     }
 
-    fn compensation(&mut self, speed_m_s: f64) -> Result<Compensation, GalvoError> {
+    /// Offsets and delays of a vector; of one that is a stroke by itself with its length.
+    fn compensation(&mut self, vector: &Vector, alone: bool) -> Result<Compensation, GalvoError> {
         if let Some(fixed) = self.options.fixed {
             return Ok(fixed);
         }
-        if let Some((speed, known)) = self.known
-            && (speed - speed_m_s).abs() <= 0.0
-        {
-            return Ok(known);
-        }
-        let PostOptions { method, beam_um, tolerance, .. } = self.options;
-        let found = self.knowledge.compensation(method, speed_m_s, beam_um, tolerance)?;
-        self.known = Some((speed_m_s, found));
-        Ok(found)
+        self.compensator.compensation(&StraightStroke {
+            speed_m_s: vector.speed_m_s,
+            direction: vector.direction,
+            length_um: alone.then(|| vector.from.distance(vector.to)),
+        })
     }
 
-    fn emit(&mut self, vector: Vector, last: bool) -> Result<(), GalvoError> {
-        let found = self.compensation(vector.speed_m_s)?;
-        let Vector { from, to, direction, speed_m_s } = vector;
+    /// Hands out a vector, moved beside where it is drawn when the axes have different lags; `next`
+    /// continues the stroke.
+    fn emit(&mut self, drawn: Vector, next: Option<Vector>) -> Result<(), GalvoError> {
+        let last = next.is_none();
+        let alone = self.first && last;
+        let found = self.compensation(&drawn, alone)?;
+        let own = drawn.normal() * found.lateral_um;
+        let start = if self.first { own } else { self.shift };
+        self.shift = match next {
+            // Where vectors meet the command takes the mean of what they need.
+            Some(next) => {
+                let onward = self.compensation(&next, false)?;
+                (own + next.normal() * onward.lateral_um) * 0.5
+            }
+            None => own,
+        };
+        let vector = drawn.moved(start, self.shift);
+        let plan = self.plan(&found, &drawn, alone)?;
         let inline = self.options.control == LaserControl::Inline;
-        let plan = StrokePlan::new(self.head, &self.options, &found, &vector, self.first && last)?;
+        let Vector { from, to, direction, speed_m_s } = vector;
         if self.first {
             self.settle_settings(plan.settings)?;
             self.jump(from - direction * found.run_in_um)?;
@@ -294,6 +338,75 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
             self.go(end, speed_m_s, false)?;
         }
         Ok(())
+    }
+
+    /// Settings of the stroke that begins with `vector`, or is nothing else when `alone`.
+    fn plan(
+        &self,
+        found: &Compensation,
+        vector: &Vector,
+        alone: bool,
+    ) -> Result<StrokePlan, GalvoError> {
+        let (head, options) = (self.head, &self.options);
+        let speed = vector.speed_m_s;
+        let rate_hz =
+            options.pitch_um.map_or(head.laser.pulse_rate_hz, |pitch_um| speed / pitch_um * 1e6);
+        check_pulse_rate(rate_hz)?;
+        let mut period_us = 1e6 / rate_hz;
+        let (mut on_us, mut off_us) = (found.on_us, found.off_us);
+        let length_um = vector.from.distance(vector.to);
+        let compensated = options.method != Method::None;
+        let beam_um = if compensated { options.beam_um } else { 0.0 };
+        // From the first pulse to the last.
+        let way_um = found.run_in_um + length_um + found.run_out_um;
+        let lit_us = way_um / speed + off_us - on_us;
+        if alone && compensated {
+            if lit_us < 0.5 * period_us {
+                // Too short for two craters: one in the middle.
+                on_us += 0.5 * lit_us;
+                off_us -= 0.5 * lit_us;
+            } else if options.grid == PulseGrid::Fit {
+                period_us = lit_us / (lit_us / period_us).round().max(1.0);
+            }
+        }
+        // The gate closes half a period behind the last pulse, so that rounding loses none.
+        let margin_us = if compensated { 0.5 * period_us } else { 1e-3 };
+        on_us -= head.laser.response_us;
+        off_us += margin_us - head.laser.response_us;
+        let mut run_out_um = found.run_out_um;
+        if options.control == LaserControl::Inline && off_us > 0.0 {
+            run_out_um += off_us * speed;
+            off_us = 0.0;
+        }
+        let inline = options.control == LaserControl::Inline;
+        let (on_step, off_step) = if inline {
+            (0.0, 0.0)
+        } else {
+            (stepped(on_us, options.delay_step_us), stepped(off_us, options.delay_step_us))
+        };
+        let settle = |default_us: f64| {
+            if options.delay_step_us > 0.0 { (0.1 * default_us).ceil() * 10.0 } else { default_us }
+        };
+        // The beam must have forgotten a jump at the first pulse.
+        let jump_us = self.after_jump_us;
+        let mark_us = found.lag_us + off_step.max(0.0);
+        let delays = Delays {
+            jump_us: options.jump_delay_us.unwrap_or_else(|| settle(jump_us)),
+            mark_us: options.mark_delay_us.unwrap_or_else(|| settle(mark_us)),
+            laser_on_us: on_step,
+            laser_off_us: off_step,
+            ..Delays::default()
+        };
+        let settings = ProgramSettings {
+            pulse_rate_hz: 1e6 / period_us,
+            delays,
+            jump_speed_m_s: self.jump_speed_m_s,
+            run_in_um: found.run_in_um,
+            run_out_um,
+            lateral_um: found.lateral_um,
+            beam_um: if compensated { beam_um.min(length_um.max(0.0)) } else { 0.0 },
+        };
+        Ok(StrokePlan { settings, on_us, off_us })
     }
 
     fn settle_settings(&mut self, settings: ProgramSettings) -> Result<(), GalvoError> {
@@ -335,73 +448,6 @@ struct StrokePlan {
     on_us: f64,
     /// Laser off after the end of the command, µs.
     off_us: f64,
-}
-
-impl StrokePlan {
-    fn new(
-        head: &ScanHead,
-        options: &PostOptions,
-        found: &Compensation,
-        vector: &Vector,
-        alone: bool,
-    ) -> Result<Self, GalvoError> {
-        let speed = vector.speed_m_s;
-        let rate_hz =
-            options.pitch_um.map_or(head.laser.pulse_rate_hz, |pitch_um| speed / pitch_um * 1e6);
-        check_pulse_rate(rate_hz)?;
-        let mut period_us = 1e6 / rate_hz;
-        let (mut on_us, mut off_us) = (found.on_us, found.off_us);
-        let length_um = vector.from.distance(vector.to);
-        let compensated = options.method != Method::None;
-        let beam_um = if compensated { options.beam_um } else { 0.0 };
-        let lit_us = (length_um - beam_um) / speed;
-        if alone && compensated {
-            if lit_us < 0.5 * period_us {
-                // Too short for two craters: one in the middle.
-                on_us += 0.5 * lit_us;
-                off_us -= 0.5 * lit_us;
-            } else if options.grid == PulseGrid::Fit {
-                period_us = lit_us / (lit_us / period_us).round().max(1.0);
-            }
-        }
-        // The gate closes half a period behind the last pulse, so that rounding loses none.
-        let margin_us = if compensated { 0.5 * period_us } else { 1e-3 };
-        on_us -= head.laser.response_us;
-        off_us += margin_us - head.laser.response_us;
-        let mut run_out_um = found.run_out_um;
-        if options.control == LaserControl::Inline && off_us > 0.0 {
-            run_out_um += off_us * speed;
-            off_us = 0.0;
-        }
-        let inline = options.control == LaserControl::Inline;
-        let (on_step, off_step) = if inline {
-            (0.0, 0.0)
-        } else {
-            (stepped(on_us, options.delay_step_us), stepped(off_us, options.delay_step_us))
-        };
-        let settle = |default_us: f64| {
-            if options.delay_step_us > 0.0 { (0.1 * default_us).ceil() * 10.0 } else { default_us }
-        };
-        // A jump is faster than a vector, and the beam must have forgotten it at the first pulse.
-        let jump_us = found.settling_us + found.lag_us;
-        let mark_us = found.lag_us + off_step.max(0.0);
-        let delays = Delays {
-            jump_us: options.jump_delay_us.unwrap_or_else(|| settle(jump_us)),
-            mark_us: options.mark_delay_us.unwrap_or_else(|| settle(mark_us)),
-            laser_on_us: on_step,
-            laser_off_us: off_step,
-            ..Delays::default()
-        };
-        let settings = ProgramSettings {
-            pulse_rate_hz: 1e6 / period_us,
-            delays,
-            jump_speed_m_s: head.controller.jump_speed_m_s,
-            run_in_um: found.run_in_um,
-            run_out_um,
-            beam_um: if compensated { beam_um.min(length_um.max(0.0)) } else { 0.0 },
-        };
-        Ok(Self { settings, on_us, off_us })
-    }
 }
 
 /// `value_us` as a multiple of `step_us`.

@@ -23,6 +23,9 @@ pub struct ProgramSettings {
     /// Crater diameter by which strokes are shortened so that their edges are as drawn, µm, in
     /// [0, 1000]; 0: pulse centres are as drawn.
     pub beam_um: f64,
+    /// How far strokes are commanded to the left of where they are drawn, µm, in [−10⁵, 10⁵]: axes of
+    /// different lags bring the beam back.
+    pub lateral_um: f64,
 }
 
 impl ProgramSettings {
@@ -36,6 +39,7 @@ impl ProgramSettings {
             run_in_um: 0.0,
             run_out_um: 0.0,
             beam_um: 0.0,
+            lateral_um: 0.0,
         }
     }
 
@@ -50,6 +54,8 @@ impl ProgramSettings {
         for (name, value) in [("run_in_um", self.run_in_um), ("run_out_um", self.run_out_um)] {
             check_option(name, value, (0.0..=1e5).contains(&value), "in [0, 1e5] µm")?;
         }
+        let lateral = self.lateral_um;
+        check_option("lateral_um", lateral, lateral.abs() <= 1e5, "in [-1e5, 1e5] µm")?;
         let beam = self.beam_um;
         check_option("beam_um", beam, (0.0..=1e3).contains(&beam), "in [0, 1000] µm")
     }

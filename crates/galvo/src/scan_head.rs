@@ -4,10 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::GalvoError;
 use crate::axis::{AxisModel, Follower};
-use crate::calibration::Calibration;
+use crate::calibration::{Calibration, HeadCalibration, Regression};
+use crate::correction::{SpeedCorrection, check_corrections};
 use crate::delays::{Delays, SkyWriting};
 use crate::field::Field;
 use crate::laser::Laser;
+use crate::limited_servo::LimitedServo;
 use crate::program::check_speed;
 use crate::servo::ServoPoles;
 use crate::step_response::StepResponse;
@@ -16,14 +18,16 @@ use crate::step_response::StepResponse;
 pub const PENCHEV_LAG_US: f64 = 216.4;
 
 /// The heads that come with the crate: name and TOML text.
-const SHIPPED: [(&str, &str); 4] = [
+const SHIPPED: [(&str, &str); 5] = [
     ("bessel", include_str!("../heads/bessel.toml")),
     ("second-order", include_str!("../heads/second-order.toml")),
     ("dead-time", include_str!("../heads/dead-time.toml")),
     ("acceleration-time", include_str!("../heads/acceleration-time.toml")),
+    ("acceleration-limit", include_str!("../heads/acceleration-limit.toml")),
 ];
 
-const SHIPPED_NAMES: &str = "bessel, second-order, dead-time, acceleration-time";
+const SHIPPED_NAMES: &str =
+    "bessel, second-order, dead-time, acceleration-time, acceleration-limit";
 
 /// What a controller does when a program says nothing else.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -43,7 +47,7 @@ impl Default for Controller {
     }
 }
 
-/// A head: two axes, field, laser, controller, and what is known of it by calibration.
+/// A head: two axes, field, laser, controller, and what calibration and tuning found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanHead {
     /// The axis that moves along x.
@@ -57,7 +61,9 @@ pub struct ScanHead {
     /// What the controller does by itself.
     pub controller: Controller,
     /// Regressions of measured lines, if there are any.
-    pub calibration: Option<Calibration>,
+    pub calibration: Option<HeadCalibration>,
+    /// What tuning found, by increasing speed.
+    pub corrections: Vec<SpeedCorrection>,
 }
 
 impl Default for ScanHead {
@@ -81,6 +87,7 @@ impl ScanHead {
             laser: Laser::default(),
             controller: Controller::default(),
             calibration: None,
+            corrections: Vec::new(),
         }
     }
 
@@ -115,26 +122,23 @@ impl ScanHead {
     pub fn from_toml(text: &str) -> Result<Self, GalvoError> {
         let file: HeadFile = toml::from_str(text)
             .map_err(|error| GalvoError::Settings { what: "head", reason: error.to_string() })?;
-        let lag_us = file
-            .calibration
-            .as_ref()
-            .map_or(PENCHEV_LAG_US, |known| known.lag.slope_us.clamp(1.0, 1e5));
-        let axis = |own: Option<AxisFile>| -> Result<AxisModel, GalvoError> {
-            match own.or_else(|| file.axis.clone()) {
-                Some(axis) => axis.model(),
-                None => Ok(AxisModel {
-                    follower: Follower::Servo(ServoPoles::bessel(lag_us)),
-                    dead_time_us: 0.0,
-                }),
+        let calibration = file.calibration.map(CalibrationFile::calibration).transpose()?;
+        let axis = |own: Option<AxisFile>, known: Option<&Calibration>| {
+            if let Some(axis) = own.or_else(|| file.axis.clone()) {
+                return axis.model();
             }
+            let lag_us = known.map_or(PENCHEV_LAG_US, |known| known.lag.slope_us.clamp(1.0, 1e5));
+            let follower = Follower::Servo(ServoPoles::bessel(lag_us));
+            Ok(AxisModel { follower, dead_time_us: 0.0 })
         };
         let head = Self {
-            x: axis(file.x.clone())?,
-            y: axis(file.y.clone())?,
+            x: axis(file.x, calibration.as_ref().map(|known| &known.x))?,
+            y: axis(file.y, calibration.as_ref().map(|known| &known.y))?,
             field: file.field.unwrap_or_default().field(),
             laser: file.laser.unwrap_or_default(),
             controller: file.controller.unwrap_or_default(),
-            calibration: file.calibration,
+            calibration,
+            corrections: file.correction,
         };
         head.validate()?;
         Ok(head)
@@ -154,7 +158,8 @@ impl ScanHead {
         if let Some(sky) = &self.controller.sky_writing {
             sky.validate()?;
         }
-        self.calibration.as_ref().map_or(Ok(()), Calibration::validate)
+        check_corrections(&self.corrections)?;
+        self.calibration.as_ref().map_or(Ok(()), HeadCalibration::validate)
     }
 }
 
@@ -167,7 +172,40 @@ struct HeadFile {
     field: Option<FieldFile>,
     laser: Option<Laser>,
     controller: Option<Controller>,
-    calibration: Option<Calibration>,
+    calibration: Option<CalibrationFile>,
+    #[serde(default)]
+    correction: Vec<SpeedCorrection>,
+}
+
+/// Regressions of both axes, or of each.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CalibrationFile {
+    lag: Option<Regression>,
+    acceleration: Option<Regression>,
+    lead: Option<Regression>,
+    x: Option<Calibration>,
+    y: Option<Calibration>,
+}
+
+impl CalibrationFile {
+    fn calibration(self) -> Result<HeadCalibration, GalvoError> {
+        match self {
+            Self { lag: Some(lag), acceleration: Some(acceleration), lead, x: None, y: None } => {
+                let both = Calibration { lag, acceleration, lead };
+                Ok(HeadCalibration { x: both.clone(), y: both })
+            }
+            Self { lag: None, acceleration: None, lead: None, x: Some(x), y: Some(y) } => {
+                Ok(HeadCalibration { x, y })
+            }
+            _ => Err(GalvoError::Settings {
+                what: "head",
+                reason: "the section calibration needs lag and acceleration, or x and y with both \
+                         each"
+                    .to_owned(),
+            }),
+        }
+    }
 }
 
 /// An axis as a file describes it.
@@ -197,6 +235,13 @@ enum AxisFile {
         #[serde(default)]
         dead_time_us: f64,
     },
+    AccelerationLimit {
+        lag_us: f64,
+        damping: f64,
+        acceleration_limit_m_s2: f64,
+        #[serde(default)]
+        dead_time_us: f64,
+    },
     StepResponse {
         samples: Vec<(f64, f64)>,
         #[serde(default)]
@@ -220,6 +265,10 @@ impl AxisFile {
             Self::AccelerationTime { acceleration_time_us, dead_time_us } => {
                 let response = StepResponse::constant_acceleration(acceleration_time_us)?;
                 (Follower::Step(response), dead_time_us)
+            }
+            Self::AccelerationLimit { lag_us, damping, acceleration_limit_m_s2, dead_time_us } => {
+                let servo = LimitedServo { lag_us, damping, acceleration_limit_m_s2 };
+                (Follower::Limited(servo), dead_time_us)
             }
             Self::StepResponse { samples, dead_time_us } => {
                 (Follower::Step(StepResponse::new(&samples)?), dead_time_us)
@@ -294,6 +343,11 @@ mod tests {
             ("[axis]\nkind = \"axe\"\n", "axe"),
             ("[axis]\nkind = \"bessel\"\nlag = 200\n", "lag"),
             ("[axis]\nkind = \"bessel\"\nlag_us = -200\n", "natural_rad_us"),
+            (
+                "[axis]\nkind = \"acceleration-limit\"\nlag_us = 200\ndamping = 0.9\n\
+                 acceleration_limit_m_s2 = 0\n",
+                "acceleration_limit_m_s2",
+            ),
             ("[laser]\nspot_um = -1\n", "spot_um"),
             ("[controller]\njump_speed_m_s = 0\n", "jump_speed_m_s"),
             ("[controller.delays]\nmark_us = -1\n", "mark_us"),

@@ -75,7 +75,7 @@ impl ServoPoles {
     }
 
     /// (e^(−σt) cos βt, e^(−σt) sin(βt)/β) of the pair; cosh and sinh where it is overdamped.
-    fn oscillation(&self, t_us: f64) -> (f64, f64) {
+    pub(crate) fn oscillation(&self, t_us: f64) -> (f64, f64) {
         let sigma = self.damping * self.natural_rad_us;
         let beta_squared = self.natural_rad_us.powi(2) * (1.0 - self.damping.powi(2));
         if beta_squared > 0.0 {

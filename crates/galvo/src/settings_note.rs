@@ -5,7 +5,7 @@ use crate::program::ProgramSettings;
 
 type Slot = (&'static str, fn(&mut ProgramSettings) -> &mut f64);
 
-const SLOTS: [Slot; 12] = [
+const SLOTS: [Slot; 13] = [
     ("pulse_rate_hz", |s| &mut s.pulse_rate_hz),
     ("laser_on_us", |s| &mut s.delays.laser_on_us),
     ("laser_off_us", |s| &mut s.delays.laser_off_us),
@@ -18,7 +18,11 @@ const SLOTS: [Slot; 12] = [
     ("jump_threshold_um", |s| &mut s.delays.jump_threshold_um),
     ("mark_us", |s| &mut s.delays.mark_us),
     ("polygon_us", |s| &mut s.delays.polygon_us),
+    ("lateral_um", |s| &mut s.lateral_um),
 ];
+
+/// A key that only heads of unequal axes need: 0 goes without saying.
+const SILENT: &str = "lateral_um";
 
 /// The note that leads from `old` settings to `new` ones; all keys where there are no old ones.
 pub(crate) fn settings_note(old: Option<&ProgramSettings>, new: &ProgramSettings) -> String {
@@ -27,7 +31,10 @@ pub(crate) fn settings_note(old: Option<&ProgramSettings>, new: &ProgramSettings
     let mut note = String::new();
     for (key, slot) in SLOTS {
         let value = *slot(&mut new);
-        let same = old.as_mut().is_some_and(|old| (*slot(old) - value).abs() <= 0.0);
+        let same = match old.as_mut() {
+            Some(old) => (*slot(old) - value).abs() <= 0.0,
+            None => key == SILENT && value.abs() <= 0.0,
+        };
         if !same {
             let separator = if note.is_empty() { "" } else { " " };
             // Ten digits: a picometre of a metre. Writing to a String cannot fail.

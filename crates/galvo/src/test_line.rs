@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use lasergym_geom::Point;
 
-use crate::calibration::TestLine;
+use crate::calibration::{Axis, TestLine};
 use crate::controller::{Observer, ProgramRun};
 use crate::delays::Delays;
 use crate::laser::{Laser, PulseTrain};
@@ -83,11 +83,18 @@ pub fn measure_line(
             pulses.iter().rfind(|pulse| (pulse.speed_m_s / speed_m_s - 1.0).abs() > part)
         }
     };
+    let ended = ended.unwrap_or(last);
     Ok(TestLine {
         speed_m_s,
         nominal_um: length_um,
         measured_um: along(last) - along(first),
-        acceleration_um: along(ended.unwrap_or(last)) - along(first),
+        acceleration_um: along(ended) - along(first),
+        axis: match (angle_rad.cos().abs(), angle_rad.sin().abs()) {
+            (_, y) if y < 1e-9 => Some(Axis::X),
+            (x, _) if x < 1e-9 => Some(Axis::Y),
+            _ => None,
+        },
+        acceleration_time_us: Some(ended.time_us - first.time_us),
     })
 }
 

@@ -4,10 +4,11 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter};
 
 use lasergym_galvo::{
-    AccelerationEnd, Calibration, Compensation, EnergyMap, GalvoError, HeadKnowledge, JobReader,
-    LINE_ACTION, LINE_OBSERVATION, LaserControl, LineOptions, LineOutcome, LineScales, LineTask,
-    LineTrial, Method, ModelFamily, PostOptions, ProgramFormat, ProgramReader, ProgramWriter,
-    PulseGrid, Regression, Report, ScanHead, identify, identify_best, marked_box, measure_line,
+    AccelerationEnd, CORRECTION_VALUES, Calibration, Compensation, Correction, EnergyMap,
+    GalvoError, HeadCalibration, HeadKnowledge, JobReader, LINE_ACTION, LINE_OBSERVATION,
+    LaserControl, LineKind, LineOptions, LineOutcome, LineScales, LineSet, LineTask, Method,
+    ModelFamily, PostOptions, ProgramFormat, ProgramReader, ProgramWriter, PulseGrid, Regression,
+    Report, ScanHead, StraightStroke, identify, identify_best, marked_box, measure_line,
     postprocess, read_test_lines, read_trajectory, simulate, test_pattern,
 };
 use lasergym_geom::Point;
@@ -21,7 +22,7 @@ use crate::errors::{drawing_error, exception, option_error};
 /// Named figures of a report.
 type Figures = Vec<(&'static str, f64)>;
 
-/// Figures, strokes (rows of 8 figures), the box of the marks (µm), energy and picture of the map.
+/// Figures, strokes (rows of 9 figures), the box of the marks (µm), energy and picture of the map.
 type Judgement<'py> = (
     Figures,
     Bound<'py, PyArray2<f64>>,
@@ -183,6 +184,7 @@ pub(crate) fn galvo_simulate<'py>(
                     stroke.length_error_um,
                     stroke.pitch_min,
                     stroke.pitch_max,
+                    stroke.lateral_error_um,
                 ]);
             })
         })
@@ -195,7 +197,7 @@ pub(crate) fn galvo_simulate<'py>(
             Ok::<_, PyErr>((energy.into_pyarray(py), PyBytes::new(py, &png)))
         })
         .transpose()?;
-    let strokes = Array2::from_shape_vec((strokes.len() / 8, 8), strokes)
+    let strokes = Array2::from_shape_vec((strokes.len() / 9, 9), strokes)
         .map_err(|error| exception("ShapeError", error.to_string()))?;
     let area = area.map(|(low, high)| (low.x, low.y, high.x, high.y));
     Ok((figures(&report), strokes.into_pyarray(py), area, map))
@@ -210,6 +212,7 @@ fn figures(report: &Report) -> Figures {
         ("length_error_um_mean", report.length_error_um_mean),
         ("length_error_um_deviation", report.length_error_um_deviation),
         ("edge_error_um_max", report.edge_error_um_max),
+        ("lateral_error_um_max", report.lateral_error_um_max),
         ("pitch_min", report.pitch_min),
         ("pitch_max", report.pitch_max),
         ("pitch_deviation", report.pitch_deviation),
@@ -223,22 +226,38 @@ fn figures(report: &Report) -> Figures {
     ]
 }
 
-/// Fits lag and acceleration length to measured lines: TOML, and of each regression intercept, slope,
-/// their 95 % half-widths and the root mean square.
-#[pyfunction]
-pub(crate) fn galvo_calibrate(lines: &str) -> PyResult<(String, Vec<[f64; 5]>)> {
-    let lines = read_test_lines(lines).map_err(galvo_error)?;
-    let found = Calibration::fit(&lines).map_err(galvo_error)?;
-    let row = |of: &Regression| {
+/// Intercept, slope, their 95 % half-widths and the root mean square; (speed, length, 95 % half-width)
+/// of the means where these are used.
+type RegressionRow = ([f64; 5], Vec<(f64, f64, Option<f64>)>);
+
+/// Lag, acceleration length and, where it was measured, lead of an axis.
+type AxisRows = (RegressionRow, RegressionRow, Option<RegressionRow>);
+
+fn regression_row(of: &Regression) -> RegressionRow {
+    let means = of.points.iter();
+    (
         [
             of.intercept_um,
             of.slope_us,
             of.intercept_confidence_95,
             of.slope_confidence_95,
             of.rms_um,
-        ]
+        ],
+        means.map(|mean| (mean.speed_m_s, mean.length_um, mean.confidence_95_um)).collect(),
+    )
+}
+
+/// Fits lag, acceleration length and, where it was measured, lead to measured lines: TOML, and the
+/// three of x and of y.
+#[pyfunction]
+pub(crate) fn galvo_calibrate(lines: &str) -> PyResult<(String, Vec<AxisRows>)> {
+    let lines = read_test_lines(lines).map_err(galvo_error)?;
+    let found = HeadCalibration::fit(&lines).map_err(galvo_error)?;
+    let rows = |of: &Calibration| {
+        let lead = of.lead.as_ref().map(regression_row);
+        (regression_row(&of.lag), regression_row(&of.acceleration), lead)
     };
-    Ok((found.to_toml(), vec![row(&found.lag), row(&found.acceleration)]))
+    Ok((found.to_toml(), vec![rows(&found.x), rows(&found.y)]))
 }
 
 /// Fits a model to a recorded trajectory: family, TOML, (parameter, value, 95 % half-width) of each, and
@@ -279,7 +298,8 @@ pub(crate) fn galvo_test_pattern(
     test_pattern(&speeds_m_s, length_um, repeats, spacing_um).map_err(galvo_error)
 }
 
-/// Machines a line without compensation and measures it: (measured µm, acceleration length µm).
+/// Machines a line without compensation and measures it: (measured µm, acceleration length µm,
+/// acceleration time µs).
 #[pyfunction]
 pub(crate) fn galvo_measure_line(
     py: Python<'_>,
@@ -288,28 +308,33 @@ pub(crate) fn galvo_measure_line(
     length_um: f64,
     angle_rad: f64,
     tolerance: f64,
-) -> PyResult<(f64, f64)> {
+) -> PyResult<(f64, f64, f64)> {
     let head = ScanHead::from_toml(head).map_err(galvo_error)?;
     let end = AccelerationEnd::StaysWithin(tolerance);
     let line = py
         .detach(|| measure_line(&head, speed_m_s, length_um, angle_rad, end))
         .map_err(galvo_error)?;
-    Ok((line.measured_um, line.acceleration_um))
+    let time_us = line.acceleration_time_us.unwrap_or(f64::NAN);
+    Ok((line.measured_um, line.acceleration_um, time_us))
 }
 
-/// Offsets and delays at a speed: run-in µm, run-out µm, on µs, off µs, lag µs, settling µs.
+/// Offsets and delays at a speed: run-in µm, run-out µm, on µs, off µs, lag µs, settling µs, lateral
+/// µm.
 #[pyfunction]
 pub(crate) fn galvo_compensation(
     head: &str,
     method: &str,
-    speed_m_s: f64,
+    line: (f64, f64, Option<f64>),
     beam_um: f64,
     tolerance: f64,
-) -> PyResult<[f64; 6]> {
+) -> PyResult<[f64; 7]> {
     let head = ScanHead::from_toml(head).map_err(galvo_error)?;
     let knowledge = HeadKnowledge::of_head(&head);
+    let (speed_m_s, angle_rad, length_um) = line;
+    let direction = Point::new(angle_rad.cos(), angle_rad.sin());
+    let stroke = StraightStroke { speed_m_s, direction, length_um };
     let found = knowledge
-        .compensation(method_of(method)?, speed_m_s, beam_um, tolerance)
+        .compensation(method_of(method)?, &stroke, beam_um, tolerance)
         .map_err(galvo_error)?;
     Ok([
         found.run_in_um,
@@ -318,25 +343,62 @@ pub(crate) fn galvo_compensation(
         found.off_us,
         found.lag_us,
         found.settling_us,
+        found.lateral_um,
     ])
 }
 
-/// Costs of offsets and delays of a line, rows of run-in µm, run-out µm, laser on µs, last pulse µs;
-/// `line` is speed m/s, length µm, angle rad, beam µm and pitch µm.
-#[pyfunction]
-pub(crate) fn galvo_line_costs(
-    py: Python<'_>,
-    head: &str,
-    line: [f64; 5],
-    scales: [f64; 3],
-    rows: Vec<[f64; 4]>,
-) -> PyResult<Vec<f64>> {
-    let head = ScanHead::from_toml(head).map_err(galvo_error)?;
-    let [speed_m_s, length_um, angle_rad, beam_um, pitch_um] = line;
-    let scales = LineScales { edge_um: scales[0], pitch: scales[1], time_us: scales[2] };
-    scales.validate().map_err(galvo_error)?;
-    let trial = LineTrial { head, speed_m_s, length_um, angle_rad, beam_um, pitch_um, scales };
-    Ok(py.detach(|| trial.costs(&rows)))
+/// Lines at one speed on which corrections of the formulas are tuned.
+#[pyclass(name = "GalvoLineSet", module = "lasergym._native")]
+pub(crate) struct NativeGalvoLineSet {
+    set: LineSet,
+}
+
+#[pymethods]
+impl NativeGalvoLineSet {
+    /// Lines of (length µm, angle rad) on `head`, of which `known` is known; `kind` is speed m/s, beam
+    /// µm, pitch µm and tolerance, `scales` what costs 1: edges µm, pitch, time µs.
+    #[new]
+    fn new(
+        head: &str,
+        known: &str,
+        method: &str,
+        kind: [f64; 4],
+        scales: [f64; 3],
+        lines: Vec<(f64, f64)>,
+    ) -> PyResult<Self> {
+        let head = ScanHead::from_toml(head).map_err(galvo_error)?;
+        let known = ScanHead::from_toml(known).map_err(galvo_error)?;
+        let [speed_m_s, beam_um, pitch_um, tolerance] = kind;
+        let scales = LineScales { edge_um: scales[0], pitch: scales[1], time_us: scales[2] };
+        let method = method_of(method)?;
+        let kind = LineKind { method, speed_m_s, beam_um, pitch_um, tolerance, scales };
+        let set = LineSet::new(&head, &known, &kind, &lines).map_err(galvo_error)?;
+        Ok(Self { set })
+    }
+
+    /// Mean cost of the lines with each correction: rows of 5 times, µs.
+    fn costs(&self, py: Python<'_>, rows: Vec<[f64; CORRECTION_VALUES]>) -> Vec<f64> {
+        py.detach(|| self.set.costs(&rows))
+    }
+
+    /// What each line comes out as with a correction: cost, start and end error µm, distance beside the
+    /// line µm, deviation of the pitch, time µs.
+    fn outcomes(
+        &self,
+        py: Python<'_>,
+        correction: [f64; CORRECTION_VALUES],
+    ) -> PyResult<Vec<[f64; 6]>> {
+        let correction = Correction::of_values(correction);
+        let outcomes = py.detach(|| self.set.outcomes(&correction)).map_err(galvo_error)?;
+        Ok(outcomes
+            .iter()
+            .map(|made| {
+                let [start_um, end_um] = made.edge_errors_um;
+                let (beside_um, pitch) = (made.lateral_error_um, made.pitch_deviation);
+                [made.cost, start_um, end_um, beside_um, pitch, made.time_us]
+            })
+            .collect())
+    }
 }
 
 /// Rewards, start and end errors (µm), deviations of the pitch and times (µs), each of shape (n,).

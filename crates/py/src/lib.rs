@@ -42,8 +42,8 @@ mod _native {
     use crate::environment::NativeEnvironment;
     #[pymodule_export]
     use crate::galvo::{
-        NativeGalvoLines, galvo_calibrate, galvo_compensation, galvo_head, galvo_heads,
-        galvo_identify, galvo_line_costs, galvo_measure_line, galvo_postprocess, galvo_simulate,
+        NativeGalvoLineSet, NativeGalvoLines, galvo_calibrate, galvo_compensation, galvo_head,
+        galvo_heads, galvo_identify, galvo_measure_line, galvo_postprocess, galvo_simulate,
         galvo_test_pattern,
     };
     #[pymodule_export]

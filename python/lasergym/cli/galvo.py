@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
@@ -33,7 +34,8 @@ def calibrate(
         Path | None,
         typer.Argument(
             metavar="[LINES]",
-            help="Measured lines: speed_m_s,nominal_um,measured_um,acceleration_um.",
+            help="Measured lines: speed_m_s,nominal_um,measured_um,acceleration_um; columns axis "
+            "and acceleration_time_us may follow.",
         ),
     ] = None,
     output: Annotated[
@@ -54,11 +56,7 @@ def calibrate(
 ) -> None:
     """Fit lag and acceleration length to measured test lines, or write the lines to machine."""
     if pattern:
-        try:
-            speeds = [float(speed) for speed in speeds_m_s.split(",")]
-        except ValueError as error:
-            message = f"speeds_m_s is {speeds_m_s!r}, but must be numbers with commas"
-            raise OptionError(message) from error
+        speeds = _numbers("speeds_m_s", speeds_m_s)
         text = heads.line_pattern(speeds, length_um=length_um, repeats=repeats)
         _write(output, text)
         return
@@ -66,26 +64,27 @@ def calibrate(
         raise OptionError("give a file of measured LINES, or --pattern for what to machine")
     found = heads.calibrate(lines)
     if output is not None:
-        kept = "" if head is None else _without_calibration(heads.head_text(head))
+        kept = "" if head is None else _without("calibration", heads.head_text(head))
         _write(output, kept + found.toml)
     if as_json:
         print_json({**found.as_dict(), "version": lasergym.__version__})
         return
-    made = table("", "intercept µm", "± 95 %", "slope µs", "± 95 %", "rms µm")
-    for name, of in (("lag", found.lag), ("acceleration length", found.acceleration)):
-        made.add_row(
-            name,
-            *(
-                f"{value:.2f}"
-                for value in (
-                    of.intercept_um,
-                    of.intercept_confidence_95,
-                    of.slope_us,
-                    of.slope_confidence_95,
-                    of.rms_um,
-                )
-            ),
-        )
+    made = table("", "intercept µm", "± 95 %", "slope µs", "± 95 %", "rms µm", "fitted by")
+    axes = [("", found.x)] if found.x == found.y else [("x ", found.x), ("y ", found.y)]
+    for axis, of in axes:
+        parts = (("lag", of.lag), ("acceleration length", of.acceleration), ("lead", of.lead))
+        for name, part in parts:
+            if part is None:
+                continue
+            figures = (
+                part.intercept_um,
+                part.intercept_confidence_95,
+                part.slope_us,
+                part.slope_confidence_95,
+                part.rms_um,
+            )
+            by = "means at each speed" if part.means else "line"
+            made.add_row(axis + name, *(f"{value:.2f}" for value in figures), by)
     print_data(made)
 
 
@@ -114,6 +113,81 @@ def identify(
     for name, value, width in found.parameters:
         made.add_row(name, f"{value:.4g}", f"{width:.2g}")
     made.caption = f"{found.family}, rms {found.rms_um:.3g} µm"
+    print_data(made)
+
+
+@galvo.command("tune")
+def tune(
+    head: Annotated[
+        str, typer.Argument(metavar="HEAD", help=f"The head to simulate: {_HEAD_HELP}")
+    ] = "bessel",
+    output: Annotated[Path | None, option("-o", "--output", help="Head file to write.")] = None,
+    known: Annotated[
+        str | None,
+        option("--known", help="What the formulas know, with its calibration; default: the head."),
+    ] = None,
+    speeds_m_s: Annotated[
+        str, option("--speeds-m-s", help="Speeds to tune for, m/s.")
+    ] = "0.5,1,1.5,2",
+    lengths_um: Annotated[
+        str, option("--lengths-um", help="Lengths of the lines, µm.")
+    ] = "80,400,2000",
+    angles_deg: Annotated[
+        str, option("--angles-deg", help="Directions of the lines, degrees.")
+    ] = "0,35,90",
+    beam_um: Annotated[float, option("--beam-um", help="Crater diameter, µm.")] = 40.0,
+    pitch_um: Annotated[float, option("--pitch-um", help="Distance of pulses, µm.")] = 20.0,
+    delays_only: Annotated[
+        bool,
+        option("--delays-only", help="No run-in and run-out: delays for one speed."),
+    ] = False,
+    evaluations: Annotated[
+        int, option("--evaluations", help="Corrections to try at each speed.")
+    ] = 800,
+    seed: Annotated[int, option("--seed", help="Seed of the search.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Find by CMA-ES what to add to the formulas, on a simulated head; never worse than without."""
+    speeds = sorted(set(_numbers("speeds_m_s", speeds_m_s)))
+    if delays_only and output is not None and len(speeds) > 1:
+        raise OptionError("a controller has one set of delays: give one speed with --delays-only")
+    found = [
+        heads.tune(
+            head,
+            speed_m_s=speed,
+            known=known,
+            lengths_um=_numbers("lengths_um", lengths_um),
+            angles_deg=_numbers("angles_deg", angles_deg),
+            beam_um=beam_um,
+            pitch_um=pitch_um,
+            delays_only=delays_only,
+            evaluations=evaluations,
+            seed=seed,
+        )
+        for speed in speeds
+    ]
+    if output is not None:
+        text = heads.head_text(head if known is None else known)
+        if delays_only:
+            added = found[0].delays_toml
+            text = _without("controller.delays", text)
+        else:
+            added = "".join(of.toml for of in found)
+            text = _without("correction", text)
+        _write(output, text + added)
+    if as_json:
+        rows = [asdict(of) for of in found]
+        print_json({"head": head, "speeds": rows, "version": lasergym.__version__})
+        return
+    made = table("m/s", "run-in µm", "run-out µm", "on µs", "off µs", "cost", "of the formulas")
+    for of in found:
+        figures = (of.run_in_um, of.run_out_um, of.on_us, of.off_us)
+        made.add_row(
+            f"{of.speed_m_s:g}",
+            *(f"{value:.1f}" for value in figures),
+            f"{of.cost:.3f}",
+            f"{of.formula_cost:.3f}",
+        )
     print_data(made)
 
 
@@ -263,13 +337,20 @@ def _write_folder(folder: Path, judged: heads.Judgement, report: dict[str, Any])
         note(f"wrote {folder / name}")
 
 
-def _without_calibration(text: str) -> str:
-    """A head file without its sections ``[calibration…]``."""
+def _without(section: str, text: str) -> str:
+    """A head file without the sections whose names begin so."""
     kept: list[str] = []
     keeps = True
     for line in text.splitlines(keepends=True):
         if line.lstrip().startswith("["):
-            keeps = not line.lstrip().startswith("[calibration")
+            keeps = not line.lstrip(" \t[").startswith(section)
         if keeps:
             kept.append(line)
-    return "".join(kept)
+    return "".join(kept).rstrip("\n") + "\n"
+
+
+def _numbers(name: str, text: str) -> list[float]:
+    try:
+        return [float(value) for value in text.split(",")]
+    except ValueError as error:
+        raise OptionError(f"{name} is {text!r}, but must be numbers with commas") from error

@@ -3,44 +3,45 @@
 M5
 G21 G90 G94
 M3 S0
-(lasergym pulse_rate_hz=100000 laser_on_us=0 laser_off_us=0 run_in_um=453.007193 run_out_um=422.8 beam_um=40 jump_speed_m_s=5 jump_us=450 jump_short_us=0 jump_threshold_um=0 mark_us=220 polygon_us=0)
+(lasergym pulse_rate_hz=100066.101926 laser_on_us=0 laser_off_us=0 run_in_um=453.007193 run_out_um=423.290439 beam_um=40 jump_speed_m_s=5 jump_us=450 jump_short_us=0 jump_threshold_um=0 mark_us=220 polygon_us=0)
 G0 X-0.453007 Y0
 G1 X0.454592 Y0 F120000.0000
 S255
-G1 X2.4228 Y0
+G1 X2.42329 Y0
 S0
-(lasergym pulse_rate_hz=50000 run_in_um=226.503597 run_out_um=206.4)
+(lasergym pulse_rate_hz=50019.836697 run_in_um=226.503597 run_out_um=206.644048)
 G0 X2.226504 Y0.5
 G1 X1.762575 Y0.5 F60000.0000
 S255
-G1 X-0.2064 Y0.5
+G1 X-0.206644 Y0.5
 S0
+(lasergym pulse_rate_hz=50040.485067 run_out_um=206.640529)
 G0 X-2.226504 Y-2
 G1 X-1.762575 Y-2
 S255
-G1 X-0.7936 Y-2
+G1 X-0.793359 Y-2
 S0
 G0 X-1 Y-2.226504
 G1 X-1 Y-1.762575
 S255
-G1 X-1 Y-0.7936
+G1 X-1 Y-0.793359
 S0
 G0 X-0.773496 Y-1
 G1 X-1.237425 Y-1
 S255
-G1 X-2.2064 Y-1
+G1 X-2.206641 Y-1
 S0
 G0 X-2 Y-0.773496
 G1 X-2 Y-1.237425
 S255
-G1 X-2 Y-2.2064
+G1 X-2 Y-2.206641
 S0
 G0 Z-0.010000
-(lasergym run_out_um=216.4 beam_um=20)
+(lasergym pulse_rate_hz=50000 run_out_um=217.404779 beam_um=20)
 G0 X2.773496 Y3
-G1 X3.227425 Y3
+G1 X3.227405 Y3
 S255
-G1 X3.2364 Y3
+G1 X3.237405 Y3
 S0
 (lasergym run_out_um=206.4 beam_um=19.88317)
 G0 X1.002252 Y-3.226492

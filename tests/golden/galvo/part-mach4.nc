@@ -4,16 +4,17 @@ M5
 G21 G90 G94
 M67 E0 Q0
 M3
-(lasergym pulse_rate_hz=100000 laser_on_us=454 laser_off_us=52.5 run_in_um=453.007193 run_out_um=317.584 beam_um=40 jump_speed_m_s=5 jump_us=450 jump_short_us=0 jump_threshold_um=0 mark_us=270 polygon_us=0)
+(lasergym pulse_rate_hz=100066.101926 laser_on_us=454 laser_off_us=53 run_in_um=453.007193 run_out_um=317.584 beam_um=40 jump_speed_m_s=5 jump_us=450 jump_short_us=0 jump_threshold_um=0 mark_us=270 polygon_us=0)
 G0 X-0.453007 Y0
 M67 E0 Q255
 G1 X2.317584 Y0 F120000.0000
 M67 E0 Q0
-(lasergym pulse_rate_hz=50000 laser_on_us=464 laser_off_us=57.5 run_in_um=226.503597 run_out_um=148.792 mark_us=280)
+(lasergym pulse_rate_hz=50019.836697 laser_on_us=464 laser_off_us=58 run_in_um=226.503597 run_out_um=148.792 mark_us=280)
 G0 X2.226504 Y0.5
 M67 E0 Q255
 G1 X-0.148792 Y0.5 F60000.0000
 M67 E0 Q0
+(lasergym pulse_rate_hz=50040.485067)
 G0 X-2.226504 Y-2
 M67 E0 Q255
 G1 X-0.851208 Y-2
@@ -31,7 +32,7 @@ M67 E0 Q255
 G1 X-2 Y-2.148792
 M67 E0 Q0
 G0 Z-0.010000
-(lasergym laser_on_us=454 laser_off_us=67.5 beam_um=20 mark_us=290)
+(lasergym pulse_rate_hz=50000 laser_on_us=454 laser_off_us=68.5 beam_um=20 mark_us=290)
 G0 X2.773496 Y3
 M67 E0 Q255
 G1 X3.168792 Y3
