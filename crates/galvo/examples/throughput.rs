@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (before, _) = used();
         let started = Instant::now();
         let mut reader = JobReader::of_name("hatch.apt", BufReader::new(File::open(&job)?))?;
-        let writer = ProgramWriter::begin(File::create(&program)?, format, 255.0)?;
+        let writer = ProgramWriter::begin(File::create(&program)?, format, 255.0, &head)?;
         postprocess(&head, &knowledge, &options, &mut reader, writer)?.0.finish()?;
         let (after, peak_mb) = used();
         println!(
