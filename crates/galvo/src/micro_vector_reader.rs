@@ -123,7 +123,7 @@ impl<R: BufRead> MicroVectorReader<R> {
             column += field.chars().count() + 1;
         }
         let ([Some(x), Some(y), Some(laser), on_us, off_us], 5) = (values, count) else {
-            return Err(self.fault(column, "five fields are due: x, y, laser, on, off"));
+            return Err(self.fault(column - 1, "five fields are due: x, y, laser, on, off"));
         };
         let at_um = Point::new(x, y);
         if !self.field.contains(at_um) {

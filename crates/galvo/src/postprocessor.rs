@@ -122,6 +122,9 @@ const ARC_TOLERANCE_UM: f64 = 0.05;
 /// Length of the vector in whose middle a single pulse fires, µm.
 const PULSE_VECTOR_UM: f64 = 0.1;
 
+/// Stretches below this are rounding, µm: the laser is not switched for them.
+const ROUNDING_UM: f64 = 1e-6;
+
 /// A vector of the stroke under way.
 #[derive(Debug, Clone, Copy)]
 struct Vector {
@@ -311,13 +314,13 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
         // The laser goes on where the command is when the beam reaches the first pulse.
         let length_um = at.distance(end);
         let dark_um = self.dark_um.min(length_um);
-        if dark_um > 0.0 {
+        if dark_um > ROUNDING_UM {
             at = at + direction * dark_um;
             self.dark_um -= dark_um;
             self.go(at, speed_m_s, false)?;
         }
         let lit_end = if last { end + direction * (plan.off_us.min(0.0) * speed_m_s) } else { end };
-        if (lit_end - at).x * direction.x + (lit_end - at).y * direction.y > 0.0 {
+        if (lit_end - at).x * direction.x + (lit_end - at).y * direction.y > ROUNDING_UM {
             self.go(lit_end, speed_m_s, true)?;
         }
         if last && lit_end.distance(end) > 0.0 {
@@ -395,6 +398,10 @@ impl StrokePlan {
             } else if options.grid == PulseGrid::Fit {
                 period_us = lit_us / (lit_us / period_us).round().max(1.0);
             }
+        }
+        if vector.single {
+            // The last pulse is the first.
+            off_us = on_us - (found.run_in_um + length_um + found.run_out_um) / speed;
         }
         // The gate closes half a period behind the last pulse, so that rounding loses none.
         let margin_us = if compensated { 0.5 * period_us } else { 1e-3 };

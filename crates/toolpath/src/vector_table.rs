@@ -56,7 +56,7 @@ impl Row {
             column += field.chars().count() + 1;
         }
         if found < count {
-            return Err(fault(line, column, "", "one field more"));
+            return Err(fault(line, column - 1, "", "one field more"));
         }
         Ok(row)
     }
@@ -248,7 +248,7 @@ mod tests {
             ("pulse,x_mm,y_mm\n".to_owned(), 1, 1, "header"),
             (passes("1,1,0,0,10,0\n1,2,0,x,10,1"), 3, 7, "number"),
             (passes("1,1,0,inf,10,1"), 2, 7, "number"),
-            (passes("1,1,0,0,10"), 2, 12, "one field more"),
+            (passes("1,1,0,0,10"), 2, 11, "one field more"),
             (passes("1,1,0,0,10,1,9"), 2, 14, "end of the line"),
             (passes("0,1,0,0,10,1"), 2, 1, "whole number"),
             (passes("1,1.5,0,0,10,1"), 2, 3, "whole number"),
