@@ -17,35 +17,20 @@ import numpy as np
 import torch
 
 import lasergym
-from lasergym.comparison import PulseBudget
 from lasergym.policy import Policy
-from lasergym.targets import Target
 from lasergym.training.correction_options import CorrectionOptions, LessonProgress
 from lasergym.training.lessons import learn_from_planner
 from lasergym.training.spatial_decision import POLISH_PX
-from lasergym.training.teacher import FIRST_VALIDATION_SEED, TeacherTask
-
-AREA_BUDGET = PulseBudget(pulses=None, area_per_pulse_px=125.0)
-"""Pulses of random shapes."""
-
-
-def validation_target(task: TeacherTask, index: int, count: int) -> tuple[Target, int]:
-    """One of ``count`` targets that judge a training, and its pulse budget."""
-    if task is TeacherTask.RANDOM_SHAPE:
-        target = lasergym.targets.random_shape(seed=FIRST_VALIDATION_SEED + index)
-        return target, AREA_BUDGET.pulses_for(int(target.sum()))
-    angle_deg = 0.0 if task is TeacherTask.STAR else (index + 0.5) * 360.0 / count
-    return lasergym.targets.star(angle_deg), 40 + index % 6
+from lasergym.training.teacher import TeacherTask
+from lasergym.training.validation import validation_targets
 
 
 def validate(policy: Policy, tasks: tuple[TeacherTask, ...], targets: int) -> dict[str, float]:
     """Mean gain over area of the policy and of planners on targets of each task."""
     means = {}
     for task in tasks:
-        count = 6 if task is TeacherTask.STAR else targets
         gains = []
-        for index in range(count):
-            target, pulses = validation_target(task, index, count)
+        for target, pulses in validation_targets(task, targets):
             plans = (
                 lasergym.plan(target, "greedy", max_pulses=pulses),
                 lasergym.plan(target, "policy", policy=policy, max_pulses=pulses),
@@ -76,6 +61,18 @@ def main() -> None:
         "--begin-with", type=Path, metavar="POLICY", help="policy file to learn on from"
     )
     parser.add_argument(
+        "--jobs", type=int, default=CorrectionOptions.jobs, help="that go on side by side"
+    )
+    parser.add_argument(
+        "--moves", type=int, default=CorrectionOptions.moves, help="for each candidate"
+    )
+    parser.add_argument(
+        "--lessons-per-judgement",
+        type=int,
+        default=CorrectionOptions.lessons_per_judgement,
+        help="lessons between two validations",
+    )
+    parser.add_argument(
         "--polish-px",
         type=float,
         default=POLISH_PX,
@@ -93,6 +90,9 @@ def main() -> None:
         tasks=tasks,
         updates=arguments.updates,
         learning_rate=arguments.learning_rate,
+        jobs=arguments.jobs,
+        moves=arguments.moves,
+        lessons_per_judgement=arguments.lessons_per_judgement,
         seed=arguments.seed,
     )
     path = learn_from_planner(
@@ -113,7 +113,8 @@ def show(progress: LessonProgress) -> None:
     print(
         f"{progress.updates:6} updates, loss {progress.loss:.3f}, regret "
         f"{progress.regret_px:.2f} px (ring score {progress.heuristic_regret_px:.2f}), "
-        f"gain / area {gain:.4f}, {progress.elapsed_s:.0f} s",
+        f"gain / area {gain:.4f}, validation {progress.validation_gain:.5f} (best "
+        f"{progress.best_validation_gain:.5f}), {progress.elapsed_s:.0f} s",
         flush=True,
     )
 

@@ -30,6 +30,9 @@ FIRST_PER_RAD, SECOND_PER_RAD2, SMOOTHING = 0.5540, 0.1363, 0.01
 SLOWEST_MM_S = 8.0
 """Of the shipped profile waterjet-garnet."""
 
+LENGTHENING = 2.0
+"""How much longer than straight ones the steps are laid out for."""
+
 
 def timed(work: Callable[[], Any], rounds: int) -> tuple[float, float]:
     """Least (wall, processor) time of some rounds, s."""
@@ -51,8 +54,10 @@ def torch_gradient(
     y = torch.tensor(passes.y_um, requires_grad=True)
     dwell = torch.tensor(passes.dwell_s_mm, requires_grad=True)
     spacing_um = passes.spacing_um
-    steepest = FIRST_PER_RAD + math.pi * SECOND_PER_RAD2
-    courant = spacing_um * 1e-3 / SLOWEST_MM_S * PEAK_UM_S * steepest / pixel_um
+    angles = np.linspace(0, math.pi / 2, 10_001)
+    steepest = np.max((FIRST_PER_RAD + 2 * SECOND_PER_RAD2 * angles) * np.cos(angles) ** 2)
+    longest_s = LENGTHENING * spacing_um * 1e-3 / SLOWEST_MM_S
+    courant = longest_s * PEAK_UM_S * float(steepest) / pixel_um
     parts = math.ceil(max(spacing_um / (0.2 * REACH_UM), courant / 0.35) * (1 - 1e-9))
     side = math.floor(2 * REACH_UM / pixel_um) + 1
     flat_rad = math.atan(SMOOTHING)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +48,9 @@ def true_marks(folder: Path) -> np.ndarray[Any, Any]:
 
 
 def test_an_ideal_machine_does_what_the_planner_says(tmp_path: Path) -> None:
+    options = replace(FEW, correct_pointing=False)
     report = run_job(
-        TARGET, tmp_path / "job", SimulatedMachine(preset="ideal"), deciding=GREEDY, options=FEW
+        TARGET, tmp_path / "job", SimulatedMachine(preset="ideal"), deciding=GREEDY, options=options
     )
     assert report.status == "pulses_used"
     assert report.pulses == 8
@@ -57,6 +59,22 @@ def test_an_ideal_machine_does_what_the_planner_says(tmp_path: Path) -> None:
     np.testing.assert_allclose(report.trajectory(), marks, atol=0.3)
     truth = lasergym.score(TARGET, marks[:, :2])
     assert report.reward == pytest.approx(truth.reward, abs=0.01)
+
+
+def test_backlash_is_learnt_from_the_marks(tmp_path: Path) -> None:
+    def scatter_px(name: str, *, correct_pointing: bool) -> float:
+        """How far marks lie from their aims, but for what all of them have in common."""
+        worn = SimulatedMachine(preset="ideal", effects={"backlash_um": 1.5}, seed=2)
+        options = JobOptions(max_pulses=30, correct_pointing=correct_pointing)
+        report = run_job(TARGET, tmp_path / name, worn, deciding=GREEDY, options=options)
+        aims = np.array([step.aimed_px for step in report.steps])
+        beside_px = (true_marks(tmp_path / name)[:, :2] - aims)[15:]
+        apart_px = np.abs(beside_px - np.median(beside_px, axis=0))
+        # Where the stage comes from, in the middle, the side may be mistaken.
+        return float(np.quantile(apart_px, 0.8))
+
+    assert scatter_px("corrected", correct_pointing=True) < 0.1
+    assert scatter_px("uncorrected", correct_pointing=False) > 1.0
 
 
 @pytest.mark.parametrize("planner", ["greedy", "anneal"])
@@ -359,14 +377,15 @@ def test_a_killed_job_goes_on_without_losing_or_doubling_a_pulse(tmp_path: Path)
     assert report.complete
     assert report.resumed == 1
     journal = read_journal(folder)
-    aimed = {intent.pulse: (intent.x_px, intent.y_px) for intent in journal.of(Intent)}
+    sent = {
+        intent.pulse: np.add((intent.x_px, intent.y_px), intent.correction_px)
+        for intent in journal.of(Intent)
+    }
     fired = {one.pulse for one in journal.of(Fired)}
     marks = true_marks(folder)
     # Of the command under way when the process died nobody wrote down whether it was fired.
-    assert len(aimed.keys() - fired) <= 1
-    commands = [
-        place for pulse, place in aimed.items() if pulse in fired or len(marks) > len(fired)
-    ]
+    assert len(sent.keys() - fired) <= 1
+    commands = [place for pulse, place in sent.items() if pulse in fired or len(marks) > len(fired)]
     np.testing.assert_allclose(marks[:, :2], commands, atol=1e-9)
     truth = lasergym.score(TARGET, marks[:, :2])
     assert report.reward == pytest.approx(truth.reward, abs=0.01)

@@ -303,7 +303,22 @@ def test_bad_actions_are_refused() -> None:
     with pytest.raises(OptionError):
         lasergym.envs.RemoteScanEnv(welded=2.0)
     with pytest.raises(RenderModeError):
-        lasergym.envs.RemoteScanEnv(render_mode="human")
+        lasergym.envs.RemoteScanEnv(render_mode="svg")
+    with pytest.raises(OptionError, match="there are none"):
+        env.reset(options={"target": None})
+
+
+def test_saved_states_replay() -> None:
+    env = lasergym.envs.RemoteScanEnv(subtasks=4)
+    env.reset(seed=5)
+    env.step(np.array([1, 3]))
+    state = env.clone_state()
+    first, reward, *_ = env.step(np.array([2, 0]))
+    for _ in range(2):
+        env.restore_state(state)
+        again, same, *_ = env.step(np.array([2, 0]))
+        assert (again == first).all()
+        assert same == reward
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))

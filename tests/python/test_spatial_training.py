@@ -187,7 +187,14 @@ def test_pulses_are_counted_in_the_budget_of_each_target(monkeypatch: pytest.Mon
 def taught(*phases: Phase, channels: int = 4) -> TrainingConfig:
     """A run whose policy learns from the planner first."""
     lessons = CorrectionOptions(
-        updates=4, updates_per_lesson=2, jobs=4, batch_size=4, moves=100, channels=channels, seed=7
+        updates=4,
+        updates_per_lesson=2,
+        jobs=4,
+        batch_size=4,
+        moves=100,
+        channels=channels,
+        seed=7,
+        validation_targets=2,
     )
     config = small()
     return replace(config, method=replace(config.method, phases=phases, planner=lessons))

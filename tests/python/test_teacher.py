@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,8 +115,11 @@ from lasergym.training.corrections import (  # noqa: E402
     lesson_loss,
     symmetric,
 )
+from lasergym.training.validation import mean_gain, validation_targets  # noqa: E402
 
-SMALL = CorrectionOptions(updates=4, updates_per_lesson=2, jobs=4, batch_size=4, moves=100)
+SMALL = CorrectionOptions(
+    updates=4, updates_per_lesson=2, jobs=4, batch_size=4, moves=100, lessons_per_judgement=1
+)
 
 
 @pytest.mark.parametrize("symmetry", range(8))
@@ -164,19 +169,61 @@ def test_the_network_learns_what_a_lesson_says() -> None:
 def test_learning_goes_on_after_a_kill(tmp_path: Path) -> None:
     reports: list[LessonProgress] = []
     learner = CorrectionLearner(SMALL)
-    learner.learn(reports.append, tmp_path / "checkpoint.pt", every=1)
+    learner.learn(lambda _: 0.5, reports.append, tmp_path / "checkpoint.pt")
     assert sorted({report.updates for report in reports}) == [0, 2, 4]
     longer = replace(SMALL, updates=6)
     again = CorrectionLearner(longer)
     again.load(tmp_path / "checkpoint.pt")
     assert again.updates == 4
-    for name, value in learner.network.state_dict().items():
-        assert torch.equal(value, again.network.state_dict()[name])
-    again.learn(reports.append, every=1)
+    assert again.best_gain == 0.5
+    for one, other in ((learner.network, again.network), (learner.best, again.best)):
+        for name, value in one.state_dict().items():
+            assert torch.equal(value, other.state_dict()[name])
+    again.learn(lambda _: 0.4, reports.append)
     assert reports[-1].updates == 6
+    assert (reports[-1].validation_gain, reports[-1].best_validation_gain) == (0.4, 0.5)
     assert [report.samples for report in reports] == [4 * (k + 1) for k in range(len(reports))]
     learnt_from = [report.samples for report in reports if report.updates > 0]
     assert learnt_from[0] == 16 * SMALL.batch_size
+
+
+def test_the_network_that_was_judged_best_is_kept() -> None:
+    judged: list[tuple[float, dict[str, torch.Tensor]]] = []
+    gains = itertools.chain([0.1, 0.3], itertools.repeat(0.2))
+
+    def judge(network: CorrectionNet) -> float:
+        judged.append((next(gains), copy.deepcopy(network.state_dict())))
+        return judged[-1][0]
+
+    learner = CorrectionLearner(replace(SMALL, updates=6))
+    learner.learn(judge, lambda _: None)
+    assert learner.best_gain == 0.3
+    best = judged[1][1]
+    assert all(torch.equal(value, best[name]) for name, value in learner.best.state_dict().items())
+
+
+def test_no_lesson_or_evaluation_has_a_target_of_the_validation() -> None:
+    shapes = list(validation_targets(TeacherTask.RANDOM_SHAPE, 3))
+    for index, (target, pulses) in enumerate(shapes):
+        assert (target == lasergym.targets.random_shape(seed=FIRST_VALIDATION_SEED + index)).all()
+        assert pulses == -(-int(target.sum()) // 125)
+    turned = [target for target, _ in validation_targets(TeacherTask.ROTATED_STAR, 60)]
+    for angle_deg in range(360):
+        star = lasergym.targets.star(float(angle_deg))
+        assert not any((star == target).all() for target in turned)
+    upright = list(validation_targets(TeacherTask.STAR, 1))
+    assert [pulses for _, pulses in upright] == [40, 41, 42, 43, 44, 45]
+
+
+def test_the_mean_gain_is_that_of_the_plans() -> None:
+    policy = lasergym.Policy.load("star")
+    gains = [
+        lasergym.plan(target, "policy", policy=policy, max_pulses=pulses).reward
+        * 1e4
+        / target.sum()
+        for target, pulses in validation_targets(TeacherTask.STAR, 1)
+    ]
+    assert mean_gain(policy, TeacherTask.STAR, 1) == pytest.approx(np.mean(gains))
 
 
 def test_a_checkpoint_of_other_options_is_refused(tmp_path: Path) -> None:

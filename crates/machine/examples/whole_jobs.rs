@@ -1,7 +1,8 @@
 //! Whole jobs from camera images alone: what each decider machines on a simulated rig, judged by the
 //! marks that were really made.
 //!
-//! Random shapes of held-out seeds, at most 45 pulses. The rig is calibrated with test pulses first.
+//! Random shapes of held-out seeds, at most 45 pulses. The stage is sent beside the aim by as much as
+//! pulses have landed beside theirs, but for the contestant without correction. The rig is calibrated with test pulses first.
 //! Prints a line for each decider: mean and standard deviation of the machined part of the target,
 //! of what was machined beside it, and of reward · 10⁴ / area; then where the time of a job goes,
 //! that of the stage, camera and laser as the rig says, that of vision, decisions and journal as
@@ -39,20 +40,22 @@ const EXPECTED_ERROR_PX: f64 = 0.5;
 const MOVES: u64 = 5000;
 
 /// Who decides.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Contestant {
     Greedy,
     Policy,
     Foresight,
+    ForesightUncorrected,
     ForesightExpectingErrors,
     AnnealAgain,
 }
 
 impl Contestant {
-    const ALL: [Self; 5] = [
+    const ALL: [Self; 6] = [
         Self::Greedy,
         Self::Policy,
         Self::Foresight,
+        Self::ForesightUncorrected,
         Self::ForesightExpectingErrors,
         Self::AnnealAgain,
     ];
@@ -62,6 +65,7 @@ impl Contestant {
             Self::Greedy => "greedy",
             Self::Policy => "policy",
             Self::Foresight => "agent-mpc",
+            Self::ForesightUncorrected => "agent-mpc, no correction",
             Self::ForesightExpectingErrors => "agent-mpc expecting 0.5 px",
             Self::AnnealAgain => "anneal again",
         }
@@ -73,7 +77,9 @@ impl Contestant {
         Ok(match self {
             Self::Greedy => Box::new(Greedy { ring_weight: 0.35, polish }),
             Self::Policy => Box::new(PolicyDecider::new(agent)),
-            Self::Foresight => Box::new(Foresight::new(agent, Thinking::Moves(MOVES), 0)),
+            Self::Foresight | Self::ForesightUncorrected => {
+                Box::new(Foresight::new(agent, Thinking::Moves(MOVES), 0))
+            }
             Self::ForesightExpectingErrors => {
                 let foresight = Foresight::new(agent, Thinking::Moves(MOVES), 0);
                 Box::new(foresight.expecting(EXPECTED_ERROR_PX)?)
@@ -107,7 +113,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     for contestant in Contestant::ALL {
         let mut figures = Figures::default();
         for seed in FIRST_SEED..FIRST_SEED + shapes {
-            run_job(preset, seed, contestant.decider(&agent)?, &mut figures)?;
+            let correct_pointing = contestant != Contestant::ForesightUncorrected;
+            let options = JobOptions { dry_run: false, correct_pointing, ..JobOptions::default() };
+            run_job(preset, seed, contestant.decider(&agent)?, options, &mut figures)?;
         }
         println!("{:27} {}", contestant.name(), figures.line());
         println!("{}", figures.shares());
@@ -131,6 +139,7 @@ fn run_job(
     preset: Preset,
     seed: u64,
     decider: Box<dyn Decider>,
+    options: JobOptions,
     figures: &mut Figures,
 ) -> Result<(), Box<dyn Error>> {
     let target = random_shape(&mut Stream::from_seed(seed)).target;
@@ -146,7 +155,6 @@ fn run_job(
     let storage = Box::new(JobFolder::create(folder.path().join("job"))?);
     let drivers = Drivers { stage: rig.stage(), laser: rig.laser(), camera: rig.camera() };
     let description = JobDescription { seed, ..JobDescription::default() };
-    let options = JobOptions { dry_run: false, ..JobOptions::default() };
     let machine =
         MachineJob::begin(storage, &job, decider, drivers, observer, description, options)?;
     let report = machine.run(&mut |_| ControlFlow::Continue(()))?;

@@ -162,9 +162,14 @@ fn a_job_that_has_ended_is_only_reported() {
 
 /// A process that dies at any of its calls, before or after what the call does, and is followed by
 /// another, leaves the same marks as one that lives.
-fn assert_death_changes_nothing(decider: fn() -> Box<dyn Decider>, step: usize) {
+fn assert_death_changes_nothing(
+    decider: fn() -> Box<dyn Decider>,
+    step: usize,
+    landing_error_px: Point,
+) {
     let run = |death: Option<(u64, Injection)>, power_loss: bool| {
         let world = SharedWorld::new(1, 0.0);
+        world.lock().bend(landing_error_px);
         let disk = Disk::new(&world);
         let worker = Worker { decider, ..Worker::new(&world) };
         if let Some((call, injection)) = death {
@@ -200,12 +205,41 @@ fn assert_death_changes_nothing(decider: fn() -> Box<dyn Decider>, step: usize) 
 
 #[test]
 fn a_death_anywhere_changes_nothing() {
-    assert_death_changes_nothing(greedy, 1);
+    assert_death_changes_nothing(greedy, 1, Point::default());
+}
+
+#[test]
+fn a_death_anywhere_changes_nothing_of_what_was_learnt_about_the_stage() {
+    assert_death_changes_nothing(greedy, 3, Point::new(1.25, -0.75));
 }
 
 #[test]
 fn a_death_anywhere_changes_nothing_for_a_decider_with_memory() {
-    assert_death_changes_nothing(replanning, 3);
+    assert_death_changes_nothing(replanning, 3, Point::default());
+}
+
+#[test]
+fn pulses_that_land_beside_their_aim_are_sent_to_the_other_side() {
+    let landing_error_px = Point::new(1.25, -0.75);
+    let errors_px = |change: fn(&mut JobOptions)| {
+        let world = SharedWorld::new(1, 0.0);
+        world.lock().bend(landing_error_px);
+        let disk = Disk::new(&world);
+        Worker { change, ..Worker::new(&world) }.begin(disk.clone()).unwrap();
+        assert_no_violations(&world);
+        let aims = read_job(&disk).unwrap().records.into_iter().filter_map(|record| match record {
+            Record::Intent(intent) => Some(Point::new(intent.x_px, intent.y_px)),
+            _ => None,
+        });
+        let distance = |(mark, aim): (&Pulse, Point)| mark.position.distance(aim);
+        marks(&world).iter().zip(aims).map(distance).collect::<Vec<_>>()
+    };
+    let uncorrected = errors_px(|options| options.correct_pointing = false);
+    let whole_px = landing_error_px.distance(Point::default());
+    assert!(uncorrected.iter().all(|error| (error - whole_px).abs() < 1e-9));
+    let corrected = errors_px(|_| ());
+    assert!((corrected[0] - whole_px).abs() < 1e-9);
+    assert!(corrected[PULSES - 1] < 0.4 * whole_px, "{corrected:?}");
 }
 
 fn copy_folder(from: &Path, to: &Path) {

@@ -1,4 +1,5 @@
-//! How well pixel-by-pixel, straight and free passes mill the benchmark's targets.
+//! How well pixel-by-pixel, straight and free passes mill the benchmark's targets, and what the free
+//! ones do when the same model takes much finer steps.
 //!
 //! `cargo run --release -p lasergym-milling --example benchmark [laser|waterjet] [TARGET…]`
 
@@ -6,13 +7,16 @@ use std::error::Error;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use lasergym_milling::{DepthMap, JobOptions, MillingJob, Profile, SolveOptions};
+use lasergym_milling::{DepthMap, JobOptions, MillingJob, Profile, Simulator, SolveOptions};
 
 /// A target: its name and its depth, from 0 to 1, at (x, y) in [0, 1]².
 type Target = (&'static str, fn(f64, f64) -> f64);
 
 const TARGETS: [Target; 4] =
     [("pockets", pockets), ("simple", simple), ("coin", coin), ("portrait", portrait)];
+
+/// Steps of the check, over those that the passes were found with.
+const FINER: usize = 8;
 
 /// Rises from 0 to 1 between two places.
 fn ramp(value: f64, from: f64, to: f64) -> f64 {
@@ -78,7 +82,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let names: Vec<&str> = TARGETS.iter().map(|target| target.0).collect();
     println!(
-        "process          target     layers  controls  pixel %  straight %  free %  free/straight  time s"
+        "process          target     layers  controls  pixel %  straight %  free %  free/straight  time s  free, fine steps %"
     );
     for (process, kind, size, pixel_um, base_um, depth_um) in [
         ("laser-graphite", "laser", 300, 5.0, 8.0, 32.0),
@@ -118,14 +122,19 @@ fn report(process: &str, name: &str, map: &DepthMap) -> Result<(), Box<dyn Error
     let free = job.solve(&options, go_on)?;
     let elapsed_s = started.elapsed().as_secs_f64();
     let straight = job.solve(&straight_options, go_on)?;
+    let fine =
+        Simulator::new(*job.grid(), &job.profile().process, FINER * job.simulator().substeps())?;
+    let mut depth_um = job.start_um().to_vec();
+    fine.mill(&free.path, &mut depth_um)?;
     println!(
-        "{process:<16} {name:<10} {:>6} {:>9} {:>8.2} {:>11.3} {:>7.3} {:>14.3} {elapsed_s:>7.1}",
+        "{process:<16} {name:<10} {:>6} {:>9} {:>8.2} {:>11.3} {:>7.3} {:>14.3} {elapsed_s:>7.1} {:>19.3}",
         job.layers(),
         2 * free.path.y_um.len(),
         free.pixel_by_pixel.percent,
         straight.error.percent,
         free.error.percent,
         free.error.percent / straight.error.percent,
+        job.objective().tracking_error(&depth_um)?.percent,
     );
     Ok(())
 }

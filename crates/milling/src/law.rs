@@ -140,11 +140,22 @@ impl RemovalLaw {
         }
     }
 
-    /// Largest |df/dθ| between flat and vertical, 1/rad.
-    pub(crate) fn steepest_per_rad(&self) -> f64 {
+    /// Largest |∂f/∂|∇d||, which is |df/dθ| cos²θ: how fast a slope's effect travels under a beam of
+    /// unit rate.
+    pub(crate) fn steepest_per_slope(&self) -> f64 {
         match self {
             Self::Slope(law) => {
-                law.first_per_rad + 2.0 * law.second_per_rad2 * std::f64::consts::FRAC_PI_2
+                let (first, second) = (law.first_per_rad, law.second_per_rad2);
+                // It rises as long as this falling function of θ is positive.
+                let rises = |angle: f64| {
+                    second * angle.cos() - (first + 2.0 * second * angle) * angle.sin()
+                };
+                let (mut low, mut high) = (0.0, std::f64::consts::FRAC_PI_2);
+                for _ in 0..60 {
+                    let middle = 0.5 * (low + high);
+                    if rises(middle) > 0.0 { low = middle } else { high = middle }
+                }
+                (first + 2.0 * second * low) * low.cos().powi(2)
             }
             Self::Linear | Self::FeedSpeed(_) => 0.0,
         }
@@ -177,6 +188,29 @@ mod tests {
             let step = dwell * 1e-5;
             let slope = (law.dose_s_mm(dwell + step) - law.dose_s_mm(dwell - step)) / (2.0 * step);
             prop_assert!((law.dose_and_slope(dwell).1 / slope - 1.0).abs() < 1e-7);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_slope_changes_the_factor_faster_than_the_steepest(
+            first in 0.0..10.0_f64, second in 0.0..10.0_f64, slopes in 0.0..30.0_f64
+        ) {
+            let law = SlopeLaw {
+                first_per_rad: first,
+                second_per_rad2: second,
+                sign: SlopeSign::Plus,
+                ..SlopeLaw::default()
+            };
+            let law = RemovalLaw::Slope(law);
+            let steepest = law.steepest_per_slope();
+            let derivative = |slope: f64| {
+                let factor = |slope: f64| law.angle_factor(slope.atan());
+                (factor(slope + 1e-5) - factor((slope - 1e-5).max(0.0))) / (slope.min(1e-5) + 1e-5)
+            };
+            prop_assert!(derivative(slopes) <= steepest * (1.0 + 1e-6) + 1e-9);
+            let reached = (0..20_000).map(|k| derivative(f64::from(k) * 1e-4)).fold(0.0, f64::max);
+            prop_assert!(reached >= steepest * (1.0 - 1e-3));
         }
     }
 

@@ -12,6 +12,10 @@ const LEAD: f64 = 0.75;
 /// Distance between points along a pass, as a part of the footprint's reach.
 const SPACING: f64 = 0.125;
 
+/// How much longer than its line a stretch of a free pass may be at the lowest speed; the solver
+/// takes only paths whose steps stay stable.
+const LENGTHENING: f64 = 2.0;
+
 /// Depth that layers chosen automatically could reach, over the depth of the target: room for the
 /// deeper dwell that walls and slopes need.
 const RESERVE: f64 = 1.25;
@@ -132,8 +136,8 @@ impl MillingJob {
         let (rows, columns) = (margin..margin + inner.rows, margin..margin + inner.columns);
         let objective = Objective::new(grid, target_um, rows, columns)?;
         let (_, longest) = profile.dwell_range_s_mm();
+        let longest = LENGTHENING * longest;
         let substeps = Simulator::stable_substeps(&profile.process, cell_um, spacing_um, longest);
-        // Free passes are longer than straight ones; the solver takes only those that stay stable.
         let simulator = Simulator::new(grid, &profile.process, substeps)?;
         Ok(Self { profile, target, objective, simulator, layers, layout, start_um })
     }

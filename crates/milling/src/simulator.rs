@@ -145,6 +145,12 @@ impl Simulator {
         &self.grid
     }
 
+    /// Steps between two points of a path.
+    #[must_use]
+    pub fn substeps(&self) -> usize {
+        self.substeps
+    }
+
     /// Margin that a path must keep from the edge of the grid, µm.
     #[must_use]
     pub fn margin_um(&self) -> f64 {
@@ -326,7 +332,7 @@ impl Simulator {
 
 /// Courant number of a step for each second of its dose.
 pub(crate) fn courant_per_s(footprint: &Footprint, law: &RemovalLaw, cell_um: f64) -> f64 {
-    footprint.peak_um_s() * law.steepest_per_rad() / cell_um
+    footprint.peak_um_s() * law.steepest_per_slope() / cell_um
 }
 
 /// The least number of substeps, at least 1. Rounding must not turn an exact fit into one more.

@@ -326,7 +326,8 @@ mod tests {
             let mut total = 0.0;
             for (subtask, direction) in directions.into_iter().enumerate() {
                 let step = environment.step(ScanAction { subtask, direction }).unwrap();
-                prop_assert!(step.reward < 0.0);
+                // A line that goes on may begin nearer to the one before it, and save time.
+                prop_assert!(step.reward < 0.0 || direction == 0);
                 prop_assert_eq!(step.terminated, subtask == 7);
                 total += step.reward;
             }

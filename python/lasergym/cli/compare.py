@@ -7,7 +7,16 @@ from typing import Annotated, cast
 import typer
 from rich.table import Table
 
-from lasergym.cli.options import option
+from lasergym.cli.options import (
+    PLANNERS_PANEL,
+    AnglesOption,
+    AnnealIterationsOption,
+    AnnealTimeOption,
+    CmaEsTimeOption,
+    FoldersArgument,
+    ShapesOption,
+    option,
+)
 from lasergym.cli.output import (
     note,
     print_data,
@@ -25,14 +34,10 @@ from lasergym.errors import OptionError
 __all__ = ["compare"]
 
 _WORK = "Work"
-_EFFORT = "Planners"
 
 
 def compare(
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[DIR]...", help="Folders of drawings for the task folder."),
-    ] = None,
+    folders: FoldersArgument = None,
     task: Annotated[
         list[str] | None,
         option(
@@ -44,12 +49,8 @@ def compare(
     output: Annotated[
         Path, option("-o", "--output", help="Folder for results, tables and pictures.")
     ] = Path("comparison"),
-    angles: Annotated[
-        int, option("--angles", help="Angles of the rotated star, from 1 to 360.")
-    ] = 360,
-    shapes: Annotated[
-        int, option("--shapes", help="Random shapes in each of the 7 area classes.")
-    ] = 100,
+    angles: AnglesOption = 360,
+    shapes: ShapesOption = 100,
     reliefs: Annotated[
         int, option("--reliefs", help="Random depth maps of the task milling.")
     ] = 10,
@@ -70,23 +71,18 @@ def compare(
             "--planners",
             help="Columns, separated by commas. Default: raster to cma-es; for milling "
             "pixel-by-pixel and adjoint.",
-            panel=_EFFORT,
+            panel=PLANNERS_PANEL,
         ),
     ] = None,
-    anneal_s: Annotated[
-        float, option("--anneal-s", help="Time of anneal on a target, s.", panel=_EFFORT)
-    ] = 1.0,
-    cma_es_s: Annotated[
-        float, option("--cma-es-s", help="Time of CMA-ES on a target, s.", panel=_EFFORT)
-    ] = 60.0,
-    anneal_iterations: Annotated[
-        int | None,
-        option("--anneal-iterations", help="Moves of anneal instead of its time.", panel=_EFFORT),
-    ] = None,
+    anneal_s: AnnealTimeOption = 1.0,
+    cma_es_s: CmaEsTimeOption = 60.0,
+    anneal_iterations: AnnealIterationsOption = None,
     cma_es_iterations: Annotated[
         int | None,
         option(
-            "--cma-es-iterations", help="Evaluations of CMA-ES instead of its time.", panel=_EFFORT
+            "--cma-es-iterations",
+            help="Evaluations of CMA-ES instead of its time.",
+            panel=PLANNERS_PANEL,
         ),
     ] = None,
     policy: Annotated[
@@ -95,11 +91,11 @@ def compare(
             "--policy",
             help="For policy and agent-mpc: star, rotated-star, random-shape, or a file. "
             "Default: the one trained for the task.",
-            panel=_EFFORT,
+            panel=PLANNERS_PANEL,
         ),
     ] = None,
     seed: Annotated[
-        int, option("--seed", help="Every item's seed derives from it.", panel=_EFFORT)
+        int, option("--seed", help="Every item's seed derives from it.", panel=PLANNERS_PANEL)
     ] = 0,
     jobs: Annotated[
         int | None,

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from lasergym.cli.options import option
+from lasergym.cli.options import (
+    PLANNERS_PANEL,
+    AnglesOption,
+    AnnealIterationsOption,
+    AnnealTimeOption,
+    CmaEsTimeOption,
+    FoldersArgument,
+    ShapesOption,
+    option,
+)
 from lasergym.cli.output import note, print_data, print_json, progress_bar, table
 from lasergym.comparison import CompareOptions, PulseBudget
 from lasergym.comparison.tasks import TaskName
@@ -18,7 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["evaluate"]
 
-_EFFORT = "Planners"
 
 _TASKS: dict[str, TaskName] = {
     "lasergym/Star-v0": "star",
@@ -31,10 +39,7 @@ def evaluate(
     model: Annotated[
         Path, typer.Argument(metavar="RUN_OR_MODEL", help="Folder of a run, or a model's .zip.")
     ],
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[DIR]...", help="Folders of drawings for the task folder."),
-    ] = None,
+    folders: FoldersArgument = None,
     task: Annotated[
         list[str] | None,
         option(
@@ -46,12 +51,8 @@ def evaluate(
     output: Annotated[
         Path | None, option("-o", "--output", help="Write the report to this JSON file.")
     ] = None,
-    angles: Annotated[
-        int, option("--angles", help="Angles of the rotated star, from 1 to 360.")
-    ] = 360,
-    shapes: Annotated[
-        int, option("--shapes", help="Random shapes in each of the 7 area classes.")
-    ] = 100,
+    angles: AnglesOption = 360,
+    shapes: ShapesOption = 100,
     max_pulses: Annotated[
         str | None,
         option(
@@ -64,20 +65,13 @@ def evaluate(
         option("--batch", help="Targets that the agent works on at once; 1 times a single one."),
     ] = 64,
     planners: Annotated[
-        str, option("--planners", help="Other columns, separated by commas.", panel=_EFFORT)
+        str, option("--planners", help="Other columns, separated by commas.", panel=PLANNERS_PANEL)
     ] = "greedy",
-    anneal_s: Annotated[
-        float, option("--anneal-s", help="Time of anneal on a target, s.", panel=_EFFORT)
-    ] = 1.0,
-    cma_es_s: Annotated[
-        float, option("--cma-es-s", help="Time of CMA-ES on a target, s.", panel=_EFFORT)
-    ] = 60.0,
-    anneal_iterations: Annotated[
-        int | None,
-        option("--anneal-iterations", help="Moves of anneal instead of its time.", panel=_EFFORT),
-    ] = None,
+    anneal_s: AnnealTimeOption = 1.0,
+    cma_es_s: CmaEsTimeOption = 60.0,
+    anneal_iterations: AnnealIterationsOption = None,
     seed: Annotated[
-        int, option("--seed", help="The planners' seeds derive from it.", panel=_EFFORT)
+        int, option("--seed", help="The planners' seeds derive from it.", panel=PLANNERS_PANEL)
     ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:

@@ -1,22 +1,33 @@
 """Options of commands: how they are declared, and those that several commands share."""
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 __all__ = [
+    "PLANNERS_PANEL",
+    "AnglesOption",
+    "AnnealIterationsOption",
+    "AnnealTimeOption",
+    "CmaEsTimeOption",
     "FitOption",
+    "FoldersArgument",
     "InkOption",
     "InvertOption",
     "MarginOption",
     "PointingErrorOption",
     "PolicyOption",
+    "ShapesOption",
     "ThresholdOption",
     "option",
 ]
 
 _DRAWING = "Drawing"
 _LEARNED = "policy and agent-mpc"
+
+PLANNERS_PANEL = "Planners"
+"""Panel of what planners may spend."""
 
 
 def option(*names: str, help: str, panel: str | None = None) -> Any:  # noqa: A002 - typer's word
@@ -52,4 +63,25 @@ PointingErrorOption = Annotated[
         help="Standard deviation by which pulses miss, µm: agent-mpc plans on what is expected.",
         panel=_LEARNED,
     ),
+]
+
+FoldersArgument = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="[DIR]...", help="Folders of drawings for the task folder."),
+]
+AnglesOption = Annotated[int, option("--angles", help="Angles of the rotated star, from 1 to 360.")]
+ShapesOption = Annotated[
+    int, option("--shapes", help="Random shapes in each of the 7 area classes.")
+]
+AnnealTimeOption = Annotated[
+    float, option("--anneal-s", help="Time of anneal on a target, s.", panel=PLANNERS_PANEL)
+]
+AnnealIterationsOption = Annotated[
+    int | None,
+    option(
+        "--anneal-iterations", help="Moves of anneal instead of its time.", panel=PLANNERS_PANEL
+    ),
+]
+CmaEsTimeOption = Annotated[
+    float, option("--cma-es-s", help="Time of CMA-ES on a target, s.", panel=PLANNERS_PANEL)
 ]

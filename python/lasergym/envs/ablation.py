@@ -4,31 +4,29 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from lasergym import _native
-from lasergym.envs.settings import ObservationMode, Settings, Task, action_array, native_seed
-from lasergym.errors import OptionError, RenderModeError
+from lasergym.envs.native_env import NativeEnv
+from lasergym.envs.settings import ObservationMode, Settings, Task, action_array
 from lasergym.render import Trajectory, ansi_frame
 from lasergym.targets import Target, TargetLike, as_target
 
 __all__ = ["AblationEnv", "PatternEnv", "RandomShapeEnv", "RotatedStarEnv", "StarEnv"]
 
 
-class AblationEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
+class AblationEnv(NativeEnv[NDArray[np.uint8], NDArray[np.float32]]):
     """Pulse-by-pulse laser ablation; the base of the four environments.
 
     See :class:`StarEnv` for spaces, rewards and arguments.
     """
 
-    # Gymnasium declares it without ClassVar.
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
-        "render_modes": ["rgb_array", "human", "ansi"],
-        "render_fps": 10,
-    }
+    progress_keys = ("machined_fraction", "off_target_fraction", "pulses")
+    as_target = as_target
     task: ClassVar[Task]
+    settings: Settings
+    _native: _native.Environment
 
     def __init__(
         self,
@@ -44,10 +42,7 @@ class AblationEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
         render_mode: str | None = None,
     ) -> None:
         """Makes the environment; see the class for the arguments."""
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            modes = ", ".join(f'"{mode}"' for mode in self.metadata["render_modes"])
-            raise RenderModeError(f"render_mode is {render_mode!r}, but must be one of {modes}")
-        self.settings = Settings(
+        settings = Settings(
             task=self.task,
             target=target,
             observation=observation,
@@ -58,41 +53,8 @@ class AblationEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
             radius_error=radius_error,
             stop_on_miss=stop_on_miss,
         )
-        self.observation_space = self.settings.observation_space()
-        self.action_space = self.settings.action_space()
-        self.render_mode = render_mode
-        self._native = _native.Environment(self.settings.as_native())
-        self._seeded = False
+        self._make(settings, _native.Environment, render_mode)
         self._trajectory: Trajectory | None = None
-        self._window: Any = None
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
-        """Begins an episode.
-
-        Args:
-            seed: Starts the random stream anew; without it the stream goes on.
-            options: ``{"target": …}`` (a Boolean array of shape (100, 100) or the name of a
-                drawing) machines that target in this episode, whatever the task.
-
-        Returns:
-            The first observation and its info.
-        """
-        super().reset(seed=seed)
-        target = _target_option(options)
-        fresh_seed = None
-        if seed is not None or not self._seeded:
-            fresh_seed = native_seed(self.np_random)
-            self._seeded = True
-        self._native.reset(fresh_seed)
-        if target is not None:
-            self._native.reset_to(target)
-        if self.render_mode in ("rgb_array", "human"):
-            self._trajectory = Trajectory(self.remaining(), self.settings.pulse_radius_px)
-        if self.render_mode == "human":
-            self.render()
-        return self._native.observation(), self._info()
 
     def step(
         self, action: NDArray[np.float32]
@@ -113,44 +75,7 @@ class AblationEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
         reward, terminated, x_px, y_px, radius_px = self._native.step(x, y)
         if self._trajectory is not None:
             self._trajectory.add(x_px, y_px, radius_px)
-        info = self._info()
-        if terminated:
-            info["is_success"] = self._native.is_success()
-        if self.render_mode == "human":
-            self.render()
-        return self._native.observation(), reward, terminated, False, info
-
-    def render(self) -> Any:
-        """The workpiece and the pulses so far.
-
-        Returns:
-            For ``"rgb_array"`` a picture (uint8 of shape (400, 400, 3)), for ``"ansi"`` text, for
-            ``"human"`` nothing: the picture is shown in a window.
-        """
-        if self.render_mode is None:
-            gym.logger.warn("render() needs a render mode: gym.make(..., render_mode='rgb_array')")
-            return None
-        if self.render_mode == "ansi":
-            remaining, forbidden = self._native.layers()
-            return ansi_frame(remaining, forbidden, *self._native.progress())
-        if self._trajectory is None:
-            gym.logger.warn("render() needs a reset first")
-            return None
-        frame = self._trajectory.rgb_array()
-        if self.render_mode == "rgb_array":
-            return frame
-        if self._window is None:
-            from lasergym.envs.window import Window
-
-            self._window = Window(type(self).__name__, self.metadata["render_fps"])
-        self._window.show(frame)
-        return None
-
-    def close(self) -> None:
-        """Closes the window, if there is one; may be called twice."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
+        return self._stepped(reward, terminated)
 
     def remaining(self) -> Target:
         """Target pixels that are not machined yet, Boolean array of shape (100, 100)."""
@@ -163,22 +88,24 @@ class AblationEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
     def clone_state(self) -> Any:
         """A copy of the whole state, random stream included, for :meth:`restore_state`."""
         trajectory = None if self._trajectory is None else self._trajectory.copy()
-        return self._native.copy(), trajectory
+        return super().clone_state(), trajectory
 
     def restore_state(self, state: Any) -> None:
         """Goes back to a state of :meth:`clone_state`; the state can be restored again."""
         native, trajectory = state
-        self._native = native.copy()
+        super().restore_state(native)
         self._trajectory = None if trajectory is None else trajectory.copy()
-        self._seeded = True
 
-    def _info(self) -> dict[str, Any]:
-        machined_fraction, off_target_fraction, pulses = self._native.progress()
-        return {
-            "machined_fraction": machined_fraction,
-            "off_target_fraction": off_target_fraction,
-            "pulses": pulses,
-        }
+    def _begun(self) -> None:
+        if self.render_mode in ("rgb_array", "human"):
+            self._trajectory = Trajectory(self.remaining(), self.settings.pulse_radius_px)
+
+    def _text(self) -> str:
+        remaining, forbidden = self._native.layers()
+        return ansi_frame(remaining, forbidden, *self._native.progress())
+
+    def _picture(self) -> NDArray[np.uint8] | None:
+        return None if self._trajectory is None else self._trajectory.rgb_array()
 
 
 class StarEnv(AblationEnv):
@@ -383,12 +310,3 @@ class PatternEnv(AblationEnv):
     def __init__(self, *, target: TargetLike | None = None, **settings: Any) -> None:
         """Makes the environment; see the class for the arguments."""
         super().__init__(target=_native.star(0.0) if target is None else target, **settings)
-
-
-def _target_option(options: dict[str, Any] | None) -> Target | None:
-    """The target that reset options name."""
-    options = options or {}
-    unknown = sorted(options.keys() - {"target"})
-    if unknown:
-        raise OptionError(f"unknown reset options {unknown}: `target` is the only one")
-    return None if options.get("target") is None else as_target(options["target"])

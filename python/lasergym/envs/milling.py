@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from lasergym import _native
 from lasergym.envs.milling_settings import MillingObservation, MillingSettings, as_depths
+from lasergym.envs.native_env import NativeEnv
 from lasergym.envs.native_vector import NativeVectorEnv
-from lasergym.envs.settings import action_array, native_seed
-from lasergym.errors import OptionError, RenderModeError
+from lasergym.envs.settings import action_array
 from lasergym.milling import Surface
 from lasergym.render import residual_ansi, residual_frame
 
@@ -23,7 +22,7 @@ __all__ = ["MillingEnv", "MillingVectorEnv"]
 _PROGRESS_KEYS = ("tracking_error_percent", "machined_fraction", "off_target_fraction", "spots")
 
 
-class MillingEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
+class MillingEnv(NativeEnv[NDArray[np.uint8], NDArray[np.float32]]):
     """A depth map, milled spot by spot.
 
     ## Description
@@ -94,11 +93,10 @@ class MillingEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
     nonlinear inverse problem", Royal Society Open Science 4 (2017).
     """
 
-    # Gymnasium declares it without ClassVar.
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
-        "render_modes": ["rgb_array", "human", "ansi"],
-        "render_fps": 10,
-    }
+    progress_keys = _PROGRESS_KEYS
+    as_target = as_depths
+    settings: MillingSettings
+    _native: _native.MillingEnvironment
 
     def __init__(
         self,
@@ -116,10 +114,7 @@ class MillingEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
         render_mode: str | None = None,
     ) -> None:
         """Makes the environment; see the class for the arguments."""
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            modes = ", ".join(f'"{mode}"' for mode in self.metadata["render_modes"])
-            raise RenderModeError(f"render_mode is {render_mode!r}, but must be one of {modes}")
-        self.settings = MillingSettings(
+        settings = MillingSettings(
             process=process,
             target=target,
             observation=observation,
@@ -131,42 +126,7 @@ class MillingEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
             pointing_error_um=pointing_error_um,
             dwell_error=dwell_error,
         )
-        self.observation_space = self.settings.observation_space()
-        self.action_space = self.settings.action_space()
-        self.render_mode = render_mode
-        self._native = _native.MillingEnvironment(self.settings.as_native())
-        self._seeded = False
-        self._window: Any = None
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
-        """Begins an episode.
-
-        Args:
-            seed: Starts the random stream anew; without it the stream goes on.
-            options: ``{"target": depths}`` (µm, shape (100, 100)) mills that target in this
-                episode.
-
-        Returns:
-            The first observation and its info.
-        """
-        super().reset(seed=seed)
-        options = options or {}
-        unknown = sorted(options.keys() - {"target"})
-        if unknown:
-            raise OptionError(f"unknown reset options {unknown}: `target` is the only one")
-        target = None if options.get("target") is None else as_depths(options["target"])
-        fresh_seed = None
-        if seed is not None or not self._seeded:
-            fresh_seed = native_seed(self.np_random)
-            self._seeded = True
-        self._native.reset(fresh_seed)
-        if target is not None:
-            self._native.reset_to(target)
-        if self.render_mode == "human":
-            self.render()
-        return self._native.observation(), self._info()
+        self._make(settings, _native.MillingEnvironment, render_mode)
 
     def step(
         self, action: NDArray[np.float32]
@@ -185,43 +145,7 @@ class MillingEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
         """
         x, y, dwell = action_array(action, (3,)).tolist()
         reward, terminated, *_ = self._native.step(x, y, dwell)
-        info = self._info()
-        if terminated:
-            info["is_success"] = self._native.is_success()
-        if self.render_mode == "human":
-            self.render()
-        return self._native.observation(), reward, terminated, False, info
-
-    def render(self) -> Any:
-        """The workpiece: what is left to remove, and where it is too deep.
-
-        Returns:
-            For ``"rgb_array"`` a picture (uint8 of shape (400, 400, 3)), for ``"ansi"`` text, for
-            ``"human"`` nothing: the picture is shown in a window.
-        """
-        if self.render_mode is None:
-            gym.logger.warn("render() needs a render mode: gym.make(..., render_mode='rgb_array')")
-            return None
-        depth_um, target_um = self._native.surfaces()
-        full_scale_um = self._native.scales()[1]
-        if self.render_mode == "ansi":
-            error_percent, *_, spots = self._native.progress()
-            return residual_ansi(target_um - depth_um, full_scale_um, error_percent, spots)
-        frame = residual_frame(target_um - depth_um, full_scale_um)
-        if self.render_mode == "rgb_array":
-            return frame
-        if self._window is None:
-            from lasergym.envs.window import Window
-
-            self._window = Window(type(self).__name__, self.metadata["render_fps"])
-        self._window.show(frame)
-        return None
-
-    def close(self) -> None:
-        """Closes the window, if there is one; may be called twice."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
+        return self._stepped(reward, terminated)
 
     def depth_um(self) -> Surface:
         """The surface as it is now, µm, shape (100, 100)."""
@@ -231,17 +155,17 @@ class MillingEnv(gym.Env[NDArray[np.uint8], NDArray[np.float32]]):
         """The target of this episode, µm, shape (100, 100)."""
         return self._native.surfaces()[1]
 
-    def clone_state(self) -> Any:
-        """A copy of the whole state, random stream included, for :meth:`restore_state`."""
-        return self._native.copy()
+    def _text(self) -> str:
+        depth_um, target_um = self._native.surfaces()
+        error_percent, *_, spots = self._native.progress()
+        return residual_ansi(target_um - depth_um, self._full_scale_um(), error_percent, spots)
 
-    def restore_state(self, state: Any) -> None:
-        """Goes back to a state of :meth:`clone_state`; the state can be restored again."""
-        self._native = state.copy()
-        self._seeded = True
+    def _picture(self) -> NDArray[np.uint8]:
+        depth_um, target_um = self._native.surfaces()
+        return residual_frame(target_um - depth_um, self._full_scale_um())
 
-    def _info(self) -> dict[str, Any]:
-        return dict(zip(_PROGRESS_KEYS, self._native.progress(), strict=True))
+    def _full_scale_um(self) -> float:
+        return self._native.scales()[1]
 
 
 class MillingVectorEnv(NativeVectorEnv):

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from lasergym import _native
+from lasergym.envs.native_env import NativeEnv
 from lasergym.envs.remote_settings import RemoteScanSettings, scan_action
-from lasergym.envs.settings import native_seed
-from lasergym.errors import RenderModeError
 
 __all__ = ["RemoteScanEnv"]
 
@@ -22,7 +20,7 @@ _DONE = (46, 125, 50)
 _LINE = (0, 102, 204)
 
 
-class RemoteScanEnv(gym.Env[NDArray[np.float32], NDArray[np.int64]]):
+class RemoteScanEnv(NativeEnv[NDArray[np.float32], NDArray[np.int64]]):
     """Remote cutting and welding by robot and scanner, planned subtask by subtask.
 
     ## Description
@@ -65,7 +63,7 @@ class RemoteScanEnv(gym.Env[NDArray[np.float32], NDArray[np.int64]]):
     * `subtasks` (12): number of subtasks, from 1 to 1000.
     * `area_mm2` (75 000): area of the sheet for each of them, mm².
     * `welded` (0.2): part of the subtasks that are welded.
-    * `render_mode`: `"rgb_array"` or `"ansi"`.
+    * `render_mode`: `"rgb_array"`, `"ansi"`, or `"human"` (needs the extra `lasergym[human]`).
 
     ## Baseline
     `env.unwrapped.planned()` gives the cycle times of the planner's joint choice and of the paper's
@@ -81,9 +79,12 @@ class RemoteScanEnv(gym.Env[NDArray[np.float32], NDArray[np.int64]]):
 
     # Gymnasium declares it without ClassVar.
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
-        "render_modes": ["rgb_array", "ansi"],
+        **NativeEnv.metadata,
         "render_fps": 4,
     }
+    progress_keys = ("done", "lines", "cycle_time_s")
+    settings: RemoteScanSettings
+    _native: _native.RemoteEnvironment
 
     def __init__(
         self,
@@ -94,31 +95,8 @@ class RemoteScanEnv(gym.Env[NDArray[np.float32], NDArray[np.int64]]):
         render_mode: str | None = None,
     ) -> None:
         """Makes the environment; see the class for the arguments."""
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            modes = ", ".join(f'"{mode}"' for mode in self.metadata["render_modes"])
-            raise RenderModeError(f"render_mode is {render_mode!r}, but must be one of {modes}")
-        self.settings = RemoteScanSettings(subtasks=subtasks, area_mm2=area_mm2, welded=welded)
-        self.observation_space = self.settings.observation_space()
-        self.action_space = self.settings.action_space()
-        self.render_mode = render_mode
-        self._native = _native.RemoteEnvironment(self.settings.as_native())
-        self._seeded = False
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begins an episode; `seed` starts the random stream anew.
-
-        Returns:
-            The first observation and its info.
-        """
-        super().reset(seed=seed, options=options)
-        fresh_seed = None
-        if seed is not None or not self._seeded:
-            fresh_seed = native_seed(self.np_random)
-            self._seeded = True
-        self._native.reset(fresh_seed)
-        return self._native.observation(), self._info()
+        settings = RemoteScanSettings(subtasks=subtasks, area_mm2=area_mm2, welded=welded)
+        self._make(settings, _native.RemoteEnvironment, render_mode)
 
     def step(
         self, action: NDArray[np.int64]
@@ -137,10 +115,7 @@ class RemoteScanEnv(gym.Env[NDArray[np.float32], NDArray[np.int64]]):
         """
         subtask, direction = scan_action(action, (2,)).tolist()
         reward, terminated = self._native.step(subtask, direction)
-        info = self._info()
-        if terminated:
-            info["is_success"] = self._native.is_success()
-        return self._native.observation(), reward, terminated, False, info
+        return self._stepped(reward, terminated)
 
     def planned(self) -> tuple[float, float, list[tuple[int, int]]]:
         """What the planner does with this layout.
@@ -152,24 +127,14 @@ class RemoteScanEnv(gym.Env[NDArray[np.float32], NDArray[np.int64]]):
         """
         return self._native.planned()
 
-    def render(self) -> Any:
-        """The sheet with subtasks (grey, done green) and lines (blue), or a line of text."""
-        if self.render_mode is None:
-            gym.logger.warn("render() needs a render mode: gym.make(..., render_mode='rgb_array')")
-            return None
+    def _text(self) -> str:
         done, lines, cycle_time_s = self._native.progress()
-        if self.render_mode == "ansi":
-            return (
-                f"{done} of {self.settings.subtasks} subtasks on {lines} lines, "
-                f"{cycle_time_s:.3f} s\n"
-            )
-        return self._picture()
-
-    def _info(self) -> dict[str, Any]:
-        done, lines, cycle_time_s = self._native.progress()
-        return {"done": done, "lines": lines, "cycle_time_s": cycle_time_s}
+        return (
+            f"{done} of {self.settings.subtasks} subtasks on {lines} lines, {cycle_time_s:.3f} s\n"
+        )
 
     def _picture(self) -> NDArray[np.uint8]:
+        """The sheet with subtasks (grey, done green) and lines (blue)."""
         side_mm, subtasks, done, lines = self._native.picture()
         picture = np.full((_SIDE_PX, _SIDE_PX, 3), _GROUND, np.uint8)
         # Lines and circles may reach a tenth of the side beyond the sheet.

@@ -14,7 +14,7 @@ except ImportError as _error:
     ) from _error
 
 from lasergym.export.errors import ExportError, ParityError, UnsupportedLayerError
-from lasergym.export.file import ExportResult, export_module, write_network
+from lasergym.export.file import ExportResult, export_module, network_bytes, write_network
 from lasergym.export.network import (
     ActionMapping,
     ExportablePolicy,
@@ -43,6 +43,7 @@ __all__ = [
     "UnsupportedLayerError",
     "export_module",
     "export_policy",
+    "network_bytes",
     "parity_report",
     "trace_module",
     "write_network",

@@ -19,7 +19,7 @@ from lasergym.export.network import ActionMapping, ExportedNetwork, ObservationS
 from lasergym.export.storage import StorageName, stored_tensors
 from lasergym.export.tracing import check_input_shape, trace_module
 
-__all__ = ["ExportResult", "export_module", "write_network"]
+__all__ = ["ExportResult", "export_module", "network_bytes", "write_network"]
 
 FORMAT = 1
 """Version of the manifest."""
@@ -66,6 +66,21 @@ def write_network(
     Returns:
         What was written.
     """
+    content = network_bytes(network, storage=storage, environment=environment, training=training)
+    path = Path(path)
+    path.write_bytes(content)
+    parameters = sum(tensor.numel() for tensor in network.tensors.values())
+    return ExportResult(path, len(content), len(network.layers), parameters, storage)
+
+
+def network_bytes(
+    network: ExportedNetwork,
+    *,
+    storage: StorageName = "float32",
+    environment: Mapping[str, Any] | None = None,
+    training: Mapping[str, Any] | None = None,
+) -> bytes:
+    """Content of the policy file of a network; the arguments are those of :func:`write_network`."""
     tensors = stored_tensors(network.layers, network.tensors, storage)
     observation: dict[str, Any] = {
         "name": network.observation.name,
@@ -99,10 +114,7 @@ def write_network(
         raise ExportError(
             f"decision, environment and training must be plain JSON ({error})"
         ) from error
-    path = Path(path)
-    path.write_bytes(save(tensors, metadata={"lasergym": text}))
-    parameters = sum(tensor.numel() for tensor in network.tensors.values())
-    return ExportResult(path, path.stat().st_size, len(network.layers), parameters, storage)
+    return save(tensors, metadata={"lasergym": text})
 
 
 def export_module(

@@ -81,6 +81,8 @@ class Begin:
         seed: Seed of planner and simulator.
         dry_run: Whether the laser is not to fire.
         completion: Machined fraction of the target at which the job is complete.
+        correct_pointing: Whether the stage is sent beside the aim by as much as pulses have landed
+            beside theirs.
         imaging_um: Where the stage is while frames are taken, µm.
         version: Version of the journal's format.
     """
@@ -94,6 +96,7 @@ class Begin:
     seed: int = 0
     dry_run: bool = False
     completion: float = 1.0
+    correct_pointing: bool = False
     imaging_um: tuple[float, float] = (50.0, 50.0)
     version: int = 1
 
@@ -123,6 +126,8 @@ class Intent:
         pulse: Number of the command, from 1; commands that leave no mark count, too.
         x_px: Where it is aimed, px.
         y_px: Where it is aimed, px.
+        correction_px: How far beside its aim the stage is sent along x and y, since pulses have
+            landed beside theirs, px.
         decided_ms: Time that the decision took, ms.
         origin: ``"decided"``, ``"again"`` (a command that was never carried out is repeated), or
             ``"recovered"`` (found on the workpiece when the job was resumed).
@@ -131,6 +136,7 @@ class Intent:
     pulse: int
     x_px: float
     y_px: float
+    correction_px: tuple[float, float] = (0.0, 0.0)
     decided_ms: float = 0.0
     origin: str = "decided"
 
@@ -381,9 +387,8 @@ def _checked(line: bytes, number: int, previous_crc: int) -> tuple[dict[str, Any
     return parsed["record"], crc
 
 
-_PLAIN: tuple[type[FrameTaken | Intent | Position | Fired | Fault | Resumed | End], ...] = (
+_PLAIN: tuple[type[FrameTaken | Position | Fired | Fault | Resumed | End], ...] = (
     FrameTaken,
-    Intent,
     Position,
     Fired,
     Fault,
@@ -402,10 +407,12 @@ def _record(fields: dict[str, Any], line: int) -> Record:
             x_um, y_um = made.get("imaging_um", (50.0, 50.0))
             read = {"target": _target(made["target"]), "imaging_um": (x_um, y_um)}
             return _known(Begin, made | read)
+        if kind == Intent.kind:
+            return _known(Intent, made | {"correction_px": _pair(made.get("correction_px"))})
         if kind == Observed.kind:
             marks = tuple(_known(Mark, mark) for mark in made["marks"])
-            shift = tuple(float(value) for value in made.get("shift_px", (0.0, 0.0)))
-            return _known(Observed, made | {"marks": marks, "shift_px": shift})
+            shift_px = _pair(made.get("shift_px"))
+            return _known(Observed, made | {"marks": marks, "shift_px": shift_px})
         for plain in _PLAIN:
             if kind == plain.kind:
                 return _known(plain, made)
@@ -419,6 +426,12 @@ def _record(fields: dict[str, Any], line: int) -> Record:
 def _known(kind: type[_Kind], values: Mapping[str, Any]) -> _Kind:
     names = {one.name for one in dataclasses.fields(kind)}  # type: ignore[arg-type]
     return kind(**{name: value for name, value in values.items() if name in names})
+
+
+def _pair(written: Any) -> tuple[float, float]:
+    """Two numbers, 0 where older journals have none."""
+    x, y = (0.0, 0.0) if written is None else written
+    return float(x), float(y)
 
 
 def _target(written: Any) -> Target:

@@ -102,6 +102,8 @@ class JobOptions:
         max_pulses: Most pulses that may be used.
         pulse_radius_px: Radius of the mark that a pulse is expected to make, px, in (0, 50].
         completion: Machined fraction of the target at which the job is complete, in (0, 1].
+        correct_pointing: Whether the stage is sent beside the aim by as much as pulses have lately
+            landed beside theirs.
         tolerance_um: How far from its goal the stage may be when the laser fires, µm.
         looks: Frames of a pulse that are looked at while it is uncertain what it did.
         exposure_s: Exposure time of the camera, s; None leaves it as it is.
@@ -112,6 +114,7 @@ class JobOptions:
     max_pulses: int = 45
     pulse_radius_px: float = 9.0
     completion: float = 1.0
+    correct_pointing: bool = True
     tolerance_um: float = 0.5
     looks: int = 3
     exposure_s: float | None = None
@@ -272,6 +275,7 @@ def _as_begun(begin: Begin) -> JobOptions:
         max_pulses=begin.max_pulses,
         pulse_radius_px=begin.pulse_radius_px,
         completion=begin.completion,
+        correct_pointing=begin.correct_pointing,
         imaging_um=begin.imaging_um,
         **begin.drivers.get("options", {}),
     )
@@ -301,6 +305,7 @@ def _run(
             "max_pulses": integer_in("max_pulses", options.max_pulses, 1, 10_000),
             "pulse_radius_px": options.pulse_radius_px,
             "completion": options.completion,
+            "correct_pointing": options.correct_pointing,
             "tolerance_um": options.tolerance_um,
             "looks": integer_in("looks", options.looks, 1, 100),
             "exposure_s": options.exposure_s,

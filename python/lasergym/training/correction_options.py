@@ -25,6 +25,10 @@ class CorrectionOptions:
         capacity: Samples that are kept to learn from; 30 kB each.
         learning_rate: At the beginning; it falls to 1 % along a cosine.
         channels: Width of the network.
+        lessons_per_judgement: Lessons between two judgements, with a checkpoint and a report each,
+            at least 1.
+        validation_targets: Targets of each task that judge the network, at least 1; the upright
+            star always comes with its six pulse budgets.
         seed: Seed of network, jobs and batches.
     """
 
@@ -38,6 +42,8 @@ class CorrectionOptions:
     capacity: int = 60_000
     learning_rate: float = 2e-3
     channels: int = 32
+    lessons_per_judgement: int = 20
+    validation_targets: int = 60
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -69,6 +75,8 @@ class LessonProgress:
             over the last lesson.
         heuristic_regret_px: The same of the places of best ring score.
         returns: Gain over area of the jobs that have ended since the last report.
+        validation_gain: Mean gain over area on the validation targets, as the policy is deployed.
+        best_validation_gain: The best so far.
         teaching_s: Time spent on lessons so far, s.
         elapsed_s: Time so far, s.
         remaining_s: Time that is probably left, s; None before the first update.
@@ -81,6 +89,8 @@ class LessonProgress:
     regret_px: float
     heuristic_regret_px: float
     returns: tuple[float, ...]
+    validation_gain: float
+    best_validation_gain: float
     teaching_s: float
     elapsed_s: float
     remaining_s: float | None

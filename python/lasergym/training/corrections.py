@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import math
 import pickle
 import time
 from collections.abc import Callable, Mapping
@@ -117,7 +119,14 @@ class _Samples:
 
 
 class CorrectionLearner:
-    """A network that learns on the jobs that it does itself."""
+    """A network that learns on the jobs that it does itself.
+
+    Attributes:
+        options: The settings.
+        network: The network as it is now.
+        best: The network that was judged best, with gain over area ``best_gain``.
+        updates: Updates done.
+    """
 
     def __init__(self, options: CorrectionOptions) -> None:
         """Makes network and jobs."""
@@ -129,6 +138,8 @@ class CorrectionLearner:
             self.network.parameters(), lr=options.learning_rate, weight_decay=1e-3
         )
         self.updates = 0
+        self.best = copy.deepcopy(self.network)
+        self.best_gain = -math.inf
         self._generator = np.random.default_rng(options.seed)
         self._samples = _Samples(options.capacity, options.candidates)
         self._made_before = 0
@@ -149,16 +160,17 @@ class CorrectionLearner:
 
     def learn(
         self,
+        judge: Callable[[CorrectionNet], float],
         report: Callable[[LessonProgress], None],
         checkpoint: Path | None = None,
-        every: int = 20,
     ) -> None:
-        """Trains to the end.
+        """Trains to the end, and remembers the network that was judged best.
 
         Args:
-            report: Told after every ``every`` lessons.
+            judge: Mean gain over area of the policy of a network, the larger the better; asked
+                after every ``lessons_per_judgement`` lessons.
+            report: Told after every judgement.
             checkpoint: Written before every report, whole or not at all.
-            every: Lessons between two reports.
         """
         began_s = time.perf_counter() - self._elapsed_s
         returns: list[float] = []
@@ -176,7 +188,9 @@ class CorrectionLearner:
                     self._update()
             lessons += 1
             self._elapsed_s = time.perf_counter() - began_s
-            if lessons % every == 0 or self.updates == self.options.updates:
+            at_end = self.updates == self.options.updates
+            if lessons % self.options.lessons_per_judgement == 0 or at_end:
+                gain = self._judge(judge)
                 if checkpoint is not None:
                     self.save(checkpoint)
                 best_px = lesson.values_px.max(1)
@@ -189,6 +203,8 @@ class CorrectionLearner:
                         float((best_px - lesson.values_px[:, 1]).mean()),
                         float((best_px - lesson.values_px[:, 0]).mean()),
                         tuple(returns),
+                        gain,
+                        self.best_gain,
                         self._teaching_s,
                         self._elapsed_s,
                         self._remaining_s(),
@@ -206,6 +222,8 @@ class CorrectionLearner:
             "updates": self.updates,
             "made": self.samples,
             "loss": self._loss,
+            "best_gain": self.best_gain,
+            "best": self.best.state_dict(),
             "teaching_s": self._teaching_s,
             "elapsed_s": self._elapsed_s,
         }
@@ -225,7 +243,8 @@ class CorrectionLearner:
             self.network.load_state_dict(state["network"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.updates, self._made_before = state["updates"], state["made"]
-            self._loss = state.get("loss")
+            self._loss, self.best_gain = state["loss"], state["best_gain"]
+            self.best.load_state_dict(state["best"])
             self._teaching_s, self._elapsed_s = state["teaching_s"], state["elapsed_s"]
         except CheckpointError:
             raise
@@ -253,6 +272,13 @@ class CorrectionLearner:
             self.network.load_exported(load_file(policy))
         except (OSError, SafetensorError, KeyError, RuntimeError) as error:
             raise CheckpointError(f"{policy} cannot be learned from: {error}") from error
+
+    def _judge(self, judge: Callable[[CorrectionNet], float]) -> float:
+        gain = judge(self.network)
+        if gain > self.best_gain:
+            self.best_gain = gain
+            self.best.load_state_dict(self.network.state_dict())
+        return gain
 
     def _remaining_s(self) -> float | None:
         if self.updates == 0:

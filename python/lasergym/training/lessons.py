@@ -9,11 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from lasergym.export import write_network
+from lasergym.export import network_bytes, write_network
+from lasergym.policy import Policy
+from lasergym.sb3 import CorrectionNet
 from lasergym.training.correction_options import CorrectionOptions, LessonProgress
 from lasergym.training.corrections import CorrectionLearner
 from lasergym.training.spatial_decision import POLISH_PX
 from lasergym.training.tables import to_table
+from lasergym.training.validation import mean_gain
 
 __all__ = ["learn_from_planner"]
 
@@ -30,13 +33,14 @@ def learn_from_planner(
 ) -> Path:
     """Trains the network of a spatial policy on what the annealing planner says.
 
-    The folder gets ``checkpoint.pt``, ``history.csv`` and at the end ``policy.safetensors``. Called
-    again with the same options, the training goes on from its checkpoint, or ends at once.
+    The folder gets ``checkpoint.pt``, ``history.csv`` and at the end ``policy.safetensors``, which
+    holds the network that did best on the validation targets. Called again with the same options,
+    the training goes on from its checkpoint, or ends at once.
 
     Args:
         options: The settings; only ``updates`` may differ from those of the checkpoint.
         folder: Made where missing.
-        progress: Told after every 20 lessons, when the checkpoint has been written.
+        progress: Told after every judgement, when the checkpoint has been written.
         begin_with: Policy file whose weights a new training begins with; None begins anew.
         polish_px: Range of the polish of the policy that is written, px, in [0, 2].
 
@@ -59,16 +63,23 @@ def learn_from_planner(
         _append(folder / "history.csv", now)
         progress(now)
 
-    learner.learn(report, checkpoint)
+    def judge(network: CorrectionNet) -> float:
+        content = network_bytes(network.exported(polish_px=polish_px), storage="bfloat16")
+        policy = Policy.from_bytes(content)
+        gains = [mean_gain(policy, task, options.validation_targets) for task in options.tasks]
+        return float(np.mean(gains))
+
+    learner.learn(judge, report, checkpoint)
     training = {
         "options": to_table(options),
         "begun_with": None if begin_with is None else begin_with.name,
         "updates": learner.updates,
         "samples": learner.samples,
         "elapsed_s": round(learner.elapsed_s),
+        "validation_gain": round(learner.best_gain, 5),
     }
     path = folder / "policy.safetensors"
-    network = learner.network.exported(polish_px=polish_px)
+    network = learner.best.exported(polish_px=polish_px)
     write_network(network, path, storage="bfloat16", training=training)
     return path
 

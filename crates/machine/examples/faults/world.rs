@@ -81,6 +81,8 @@ pub(crate) struct World {
     commanded_um: Point,
     armed: bool,
     marks: Vec<Pulse>,
+    /// How far beside the stage's position marks come to lie.
+    landing_error_px: Point,
     violations: Vec<String>,
     stream: Stream,
     /// Chance of an injection in a call.
@@ -119,6 +121,7 @@ impl SharedWorld {
             commanded_um: Point::default(),
             armed: false,
             marks: Vec::new(),
+            landing_error_px: Point::default(),
             violations: Vec::new(),
             stream: Stream::from_seed(seed),
             chance,
@@ -210,6 +213,12 @@ impl World {
         (self.uniform() * (most + 1) as f64) as usize
     }
 
+    /// Lets marks lie beside the stage's position from now on.
+    #[allow(dead_code, reason = "only tests bend the machine")]
+    pub(crate) fn bend(&mut self, landing_error_px: Point) {
+        self.landing_error_px = landing_error_px;
+    }
+
     /// What goes wrong with this call, if anything.
     pub(crate) fn draw(&mut self, call: &'static str, lies: &[Injection]) -> Option<Injection> {
         self.draw_from(call, &HONEST, lies)
@@ -262,7 +271,8 @@ impl World {
         }
         // No two marks of the world are equal.
         let radius_px = RADIUS_PX + 0.5 * (self.marks.len() as f64 * 0.618).fract();
-        self.marks.push(Pulse { position: self.position_um + displacement_px, radius_px });
+        let position = self.position_um + self.landing_error_px + displacement_px;
+        self.marks.push(Pulse { position, radius_px });
     }
 }
 

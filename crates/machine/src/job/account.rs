@@ -6,6 +6,7 @@ use lasergym_ablation::{Footprint, MAX_PULSE_RADIUS_PX, PulseOutcome, Workpiece}
 use lasergym_geom::{Bitmap, Point, WORKPIECE_SIZE_PX};
 use lasergym_plan::{Decider, Job, JobState};
 
+use super::pointing::PointingError;
 use crate::JobError;
 use crate::journal::{
     BeginRecord, EndRecord, FaultRecord, FrameRecord, IntentOrigin, IntentRecord, JOURNAL_VERSION,
@@ -62,6 +63,8 @@ pub(super) struct Account {
     newer_frame: Option<FrameRecord>,
     /// Where commands were fired without a mark that was seen for certain.
     in_vain: Vec<Point>,
+    /// What the marks have told of the stage.
+    pointing: PointingError,
     /// Whether nothing has been observed since the job was resumed: there may be marks of pulses that
     /// the journal does not know.
     just_resumed: bool,
@@ -92,6 +95,7 @@ impl Account {
             last_frame: None,
             newer_frame: None,
             in_vain: Vec::new(),
+            pointing: PointingError::default(),
             just_resumed: false,
             records_lost: false,
         }
@@ -219,6 +223,9 @@ impl Account {
                 }
                 // A journal may also end too early where no record is cut in two.
                 let several = self.just_resumed || intent.origin == IntentOrigin::Recovered;
+                if outcome.verdict == JournalVerdict::Seen {
+                    self.learn_pointing(intent, &outcome.marks);
+                }
                 let pulses = if several { outcome.marks.len().max(1) } else { 1 };
                 (0..pulses).for_each(|_| self.state.count_pulse());
                 self.pulses += pulses;
@@ -264,6 +271,27 @@ impl Account {
             off_target_fraction,
             reward,
         })
+    }
+
+    /// How far beside `aimed` the stage is to be sent, px.
+    pub(super) fn correction_px(&self, aimed: Point) -> Point {
+        self.pointing.correction_px(aimed, self.imaging_px())
+    }
+
+    fn learn_pointing(&mut self, intent: IntentRecord, marks: &[MarkRecord]) {
+        // Of several marks nobody knows which one was aimed.
+        if let [mark] = marks
+            && intent.origin != IntentOrigin::Recovered
+        {
+            let seen = Point::new(mark.x_px, mark.y_px);
+            self.pointing.learn(intent.commanded_px(), seen, self.imaging_px());
+        }
+    }
+
+    /// Where the stage comes from; 1 px is 1 µm.
+    fn imaging_px(&self) -> Point {
+        let [x, y] = self.begin.imaging_um;
+        Point::new(x, y)
     }
 
     /// Whether a pulse at `aimed` would newly machine so much that its mark can hardly be overlooked.

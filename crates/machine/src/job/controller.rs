@@ -79,6 +79,7 @@ impl<S: Stage, L: Laser, C: Camera> MachineJob<S, L, C> {
             dry_run: options.dry_run,
             imaging_um: [options.imaging_um.x, options.imaging_um.y],
             completion: options.completion,
+            correct_pointing: options.correct_pointing,
             planner: description.planner,
             drivers: description.drivers,
             calibration: description.calibration,
@@ -121,7 +122,11 @@ impl<S: Stage, L: Laser, C: Camera> MachineJob<S, L, C> {
         let imaging_um = [options.imaging_um.x, options.imaging_um.y];
         same("dry_run", begin.dry_run.to_string(), options.dry_run.to_string())?;
         same("imaging_um", format!("{:?}", begin.imaging_um), format!("{imaging_um:?}"))?;
-        let options = JobOptions { completion: begin.completion, ..options };
+        let options = JobOptions {
+            completion: begin.completion,
+            correct_pointing: begin.correct_pointing,
+            ..options
+        };
         let rig = Rig::new(drivers, &options)?;
         let resumed = Some(ResumedRecord {
             dropped_bytes: length.saturating_sub(reading.intact_bytes) as u64,
@@ -232,17 +237,36 @@ impl<S: Stage, L: Laser, C: Camera> MachineJob<S, L, C> {
         };
         let decided_s = began.elapsed().as_secs_f64();
         self.rig.phases.decide_s += decided_s;
-        let Some(Point { x: x_px, y: y_px }) = aimed else { return Ok(None) };
-        self.rig.check_aim(Point::new(x_px, y_px))?;
-        let pulse = self.account.commands + 1;
-        Ok(Some(IntentRecord { pulse, x_px, y_px, decided_ms: decided_s * 1e3, origin }))
+        let Some(aimed) = aimed else { return Ok(None) };
+        self.rig.check_aim(aimed)?;
+        Ok(Some(IntentRecord {
+            pulse: self.account.commands + 1,
+            x_px: aimed.x,
+            y_px: aimed.y,
+            correction_px: self.correction_px(aimed),
+            decided_ms: decided_s * 1e3,
+            origin,
+        }))
+    }
+
+    /// How far beside `aimed` the stage is sent, px, and neither beyond its limits nor off the workpiece.
+    fn correction_px(&self, aimed: Point) -> [f64; 2] {
+        if !self.options.correct_pointing {
+            return [0.0; 2];
+        }
+        let correction = self.account.correction_px(aimed);
+        let wanted = Point::new(aimed.x + correction.x, aimed.y + correction.y);
+        let reached = self.rig.nearest_reachable(wanted);
+        [reached.x - aimed.x, reached.y - aimed.y]
     }
 
     /// Writes `intent` down and fires it.
     fn command(&mut self, intent: IntentRecord) -> Result<(), Halt> {
         self.note(&Record::Intent(intent), Durability::Now)?;
         let pulse = intent.pulse;
-        let Point { x: x_um, y: y_um } = self.rig.go_to(Point::new(intent.x_px, intent.y_px))?;
+        // Rounding must not lead beyond the limits.
+        let goal_um = self.rig.nearest_reachable(intent.commanded_px());
+        let Point { x: x_um, y: y_um } = self.rig.go_to(goal_um)?;
         let position = PositionRecord { pulse, x_um, y_um, within_tolerance: true };
         self.note(&Record::Position(position), Durability::Later)?;
         self.rig.fire()?;

@@ -3,6 +3,7 @@
 mod account;
 mod controller;
 mod options;
+mod pointing;
 mod recovery;
 mod report;
 mod rig;

@@ -70,6 +70,9 @@ pub struct JobOptions {
     /// Machined fraction of the target at which the job is complete, in (0, 1]. Default 1: go on
     /// while pulses gain anything.
     pub completion: f64,
+    /// Whether the stage is sent beside the aim by as much as pulses have lately landed beside theirs.
+    /// Default true.
+    pub correct_pointing: bool,
     /// Exposure time of the camera, s, above 0; `None` leaves it as it is.
     pub exposure_s: Option<f64>,
     /// Whether the stage looks for its origin first. Default true.
@@ -98,6 +101,7 @@ impl Default for JobOptions {
             unseen_limit: 6,
             tries_per_place: 3,
             completion: 1.0,
+            correct_pointing: true,
             exposure_s: None,
             home: true,
             dry_run: true,

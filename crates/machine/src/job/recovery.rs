@@ -52,6 +52,7 @@ impl<S: Stage, L: Laser, C: Camera> MachineJob<S, L, C> {
             pulse: self.account.commands + 1,
             x_px: imaging_um.x,
             y_px: imaging_um.y,
+            correction_px: [0.0; 2],
             decided_ms: 0.0,
             origin: IntentOrigin::Recovered,
         };

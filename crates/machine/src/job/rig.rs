@@ -90,6 +90,17 @@ impl<S: Stage, L: Laser, C: Camera> Rig<S, L, C> {
         self.check_reach(aimed)
     }
 
+    /// The place on the workpiece, within reach of the stage, that is nearest to `position_um`.
+    pub(super) fn nearest_reachable(&self, position_um: Point) -> Point {
+        let StageLimits { least_um, most_um } = self.stage.limits_um();
+        let side_um = WORKPIECE_SIZE_PX as f64;
+        let within = |at: f64, least: f64, most: f64| at.max(least.max(0.0)).min(most.min(side_um));
+        Point::new(
+            within(position_um.x, least_um.x, most_um.x),
+            within(position_um.y, least_um.y, most_um.y),
+        )
+    }
+
     fn check_reach(&self, position_um: Point) -> Result<(), Fault> {
         let limits_um = self.stage.limits_um();
         if limits_um.contains(position_um) {

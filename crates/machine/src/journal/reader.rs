@@ -121,7 +121,15 @@ mod tests {
         let intent = (0_usize..50, any::<f64>(), -1e3..1e3).prop_map(|(pulse, x_px, y_px)| {
             let x_px = if x_px.is_finite() { x_px } else { 0.1 };
             let origin = IntentOrigin::Decided;
-            Record::Intent(IntentRecord { pulse, x_px, y_px, decided_ms: 0.3, origin })
+            let correction_px = [0.25, -0.5];
+            Record::Intent(IntentRecord {
+                pulse,
+                x_px,
+                y_px,
+                correction_px,
+                decided_ms: 0.3,
+                origin,
+            })
         });
         let mark = (0.0..100.0, 0.0..100.0, 0.1..50.0).prop_map(|(x_px, y_px, radius_px)| {
             MarkRecord { x_px, y_px, radius_px, confidence: 1.0 / 3.0 }
@@ -228,7 +236,9 @@ mod tests {
     #[test]
     fn a_record_with_a_number_that_is_not_finite_is_not_written() {
         let origin = IntentOrigin::Decided;
-        let intent = IntentRecord { pulse: 1, x_px: f64::NAN, y_px: 0.0, decided_ms: 0.0, origin };
+        let (x_px, correction_px) = (f64::NAN, [0.0; 2]);
+        let intent =
+            IntentRecord { pulse: 1, x_px, y_px: 0.0, correction_px, decided_ms: 0.0, origin };
         let error = encode(0, &Record::Intent(intent), 0).unwrap_err();
         assert!(matches!(error, JobError::Record { .. }), "{error}");
     }

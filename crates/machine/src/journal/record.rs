@@ -55,6 +55,9 @@ pub struct BeginRecord {
     pub imaging_um: [f64; 2],
     /// Machined fraction at which the job is complete.
     pub completion: f64,
+    /// Whether the stage is sent beside the aim by as much as pulses have landed beside theirs.
+    #[serde(default)]
+    pub correct_pointing: bool,
     /// Name and settings of the planner.
     pub planner: Value,
     /// Names and settings of the drivers.
@@ -99,14 +102,26 @@ pub enum IntentOrigin {
 pub struct IntentRecord {
     /// The command.
     pub pulse: usize,
-    /// Where it goes, px.
+    /// Where it is to land, px.
     pub x_px: f64,
-    /// Where it goes, px.
+    /// Where it is to land, px.
     pub y_px: f64,
+    /// How far beside it the stage is sent, since pulses have landed beside their aim, px.
+    #[serde(default)]
+    pub correction_px: [f64; 2],
     /// How long the decision took, ms.
     pub decided_ms: f64,
     /// Where it comes from.
     pub origin: IntentOrigin,
+}
+
+impl IntentRecord {
+    /// Where the stage is sent, px.
+    #[must_use]
+    pub fn commanded_px(&self) -> Point {
+        let [x, y] = self.correction_px;
+        Point::new(self.x_px + x, self.y_px + y)
+    }
 }
 
 /// Where the stage said that it is before a pulse.
