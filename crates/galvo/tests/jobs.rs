@@ -6,7 +6,8 @@ use lasergym_galvo::{
 };
 use lasergym_geom::Point;
 use lasergym_toolpath::{
-    DwellPass, DwellPoint, GcodeOptions, PulsePath, write_csv, write_gcode, write_passes_csv,
+    DwellPass, DwellPoint, GcodeOptions, PulsePath, ToolpathError, write_csv, write_gcode,
+    write_passes_csv,
 };
 
 struct Pulses(Vec<PulseLanding>);
@@ -28,15 +29,15 @@ fn landings(name: &str, job: &str, options: &PostOptions) -> Result<Vec<Point>, 
     Ok(pulses.iter().map(|pulse| pulse.position_um).collect())
 }
 
-fn plan() -> PulsePath {
+fn plan() -> Result<PulsePath, ToolpathError> {
     let places =
         [(50.0, 50.0), (12.5, 12.75), (56.2, 99.4), (33.3, 33.3), (33.3, 33.3), (0.0, 1.0)];
-    PulsePath::new(places.iter().map(|&(x, y)| Point::new(x, y)).collect(), 9.0).unwrap()
+    PulsePath::new(places.iter().map(|&(x, y)| Point::new(x, y)).collect(), 9.0)
 }
 
 #[test]
 fn a_plan_gives_one_pulse_at_each_place() {
-    let plan = plan();
+    let plan = plan().unwrap();
     for (beam_um, speed, control) in [
         (40.0, 2.0, LaserControl::Delays),
         (0.0, 0.01, LaserControl::Delays),
@@ -60,7 +61,7 @@ fn a_plan_gives_one_pulse_at_each_place() {
 
 #[test]
 fn a_stage_program_of_a_plan_gives_its_pulses_too() {
-    let plan = plan();
+    let plan = plan().unwrap();
     let frame = GcodeOptions::default();
     let options = PostOptions { speed_m_s: Some(1.0), ..PostOptions::default() };
     let found = landings("plan.nc", &write_gcode(&plan, &frame).unwrap(), &options).unwrap();
@@ -77,14 +78,14 @@ fn a_stage_program_of_a_plan_gives_its_pulses_too() {
 fn pulses_fire_without_compensation_too() {
     for method in [Method::None, Method::DelaysOnly] {
         let options = PostOptions { method, speed_m_s: Some(1.0), ..PostOptions::default() };
-        let found = landings("plan.csv", &write_csv(&plan()), &options).unwrap();
-        assert_eq!(found.len(), plan().len(), "{method:?}");
+        let found = landings("plan.csv", &write_csv(&plan().unwrap()), &options).unwrap();
+        assert_eq!(found.len(), plan().unwrap().len(), "{method:?}");
     }
 }
 
 #[test]
 fn pulses_need_a_speed() {
-    let refused = landings("plan.csv", &write_csv(&plan()), &PostOptions::default());
+    let refused = landings("plan.csv", &write_csv(&plan().unwrap()), &PostOptions::default());
     assert!(matches!(refused, Err(GalvoError::SpeedUnknown { vector: 1 })));
 }
 

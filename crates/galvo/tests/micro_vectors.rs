@@ -1,5 +1,7 @@
 //! Micro-vectors do what the vectors do from which they are made.
 
+use std::fmt::Write;
+
 use lasergym_galvo::{
     AnyProgram, GalvoError, HeadKnowledge, LaserControl, MICRO_VECTOR_HEADER, Observer,
     PostOptions, ProgramFormat, PulseLanding, Report, ScanHead, SkyWriting, SkyWritingMode,
@@ -22,41 +24,48 @@ impl Observer for Pulses {
     }
 }
 
-fn program(head: &ScanHead, job: &str, options: &PostOptions, format: ProgramFormat) -> String {
-    let knowledge = HeadKnowledge::Model(head.x.clone());
-    postprocess_text(head, &knowledge, options, ("job.apt", job), format, 255.0).unwrap().0
+fn program(
+    head: &ScanHead,
+    options: &PostOptions,
+    format: ProgramFormat,
+) -> Result<String, GalvoError> {
+    let knowledge = HeadKnowledge::of_head(head);
+    Ok(postprocess_text(head, &knowledge, options, ("job.apt", JOB), format, 255.0)?.0)
 }
 
-fn pulses(head: &ScanHead, name: &str, text: &str) -> Vec<PulseLanding> {
-    let program = AnyProgram::of_name(name, text.as_bytes(), head).unwrap();
-    program.play(head, Pulses(Vec::new())).unwrap().0.0
+fn pulses(head: &ScanHead, name: &str, text: &str) -> Result<Vec<PulseLanding>, GalvoError> {
+    let program = AnyProgram::of_name(name, text.as_bytes(), head)?;
+    Ok(program.play(head, Pulses(Vec::new()))?.0.0)
 }
 
-fn judged(head: &ScanHead, name: &str, text: &str) -> (Report, Vec<StrokeMeasure>) {
-    let program = AnyProgram::of_name(name, text.as_bytes(), head).unwrap();
+fn judged(
+    head: &ScanHead,
+    name: &str,
+    text: &str,
+) -> Result<(Report, Vec<StrokeMeasure>), GalvoError> {
+    let program = AnyProgram::of_name(name, text.as_bytes(), head)?;
     let mut strokes = Vec::new();
-    let (report, _) = simulate(head, program, None, |stroke| strokes.push(*stroke)).unwrap();
-    (report, strokes)
+    let (report, _) = simulate(head, program, None, |stroke| strokes.push(*stroke))?;
+    Ok((report, strokes))
 }
 
 fn micro(step_us: u32) -> ProgramFormat {
     ProgramFormat::RtcMicroVectors { step_us }
 }
 
-fn heads() -> impl Iterator<Item = (&'static str, ScanHead)> {
-    ScanHead::shipped_texts().iter().map(|(name, _)| (*name, ScanHead::shipped(name).unwrap()))
-}
-
 #[test]
 fn pulses_land_where_those_of_the_vectors_land() {
     let grbl = ProgramFormat::of_name("grbl").unwrap();
-    for (name, head) in heads() {
+    for (name, _) in ScanHead::shipped_texts() {
+        let head = ScanHead::shipped(name).unwrap();
         for control in [LaserControl::Delays, LaserControl::Inline] {
             let options = PostOptions { control, pitch_um: Some(20.0), ..PostOptions::default() };
-            let (vectors, list) =
-                (program(&head, JOB, &options, grbl), program(&head, JOB, &options, micro(10)));
-            let expected = pulses(&head, "job.nc", &vectors);
-            let found = pulses(&head, "job.csv", &list);
+            let (vectors, list) = (
+                program(&head, &options, grbl).unwrap(),
+                program(&head, &options, micro(10)).unwrap(),
+            );
+            let expected = pulses(&head, "job.nc", &vectors).unwrap();
+            let found = pulses(&head, "job.csv", &list).unwrap();
             assert_eq!(found.len(), expected.len(), "{name}");
             for (a, b) in found.iter().zip(&expected) {
                 let apart_um = a.position_um.distance(b.position_um);
@@ -70,11 +79,13 @@ fn pulses_land_where_those_of_the_vectors_land() {
 #[test]
 fn strokes_and_times_are_judged_the_same() {
     let grbl = ProgramFormat::of_name("grbl").unwrap();
-    for (name, head) in heads() {
+    for (name, _) in ScanHead::shipped_texts() {
+        let head = ScanHead::shipped(name).unwrap();
         let options = PostOptions { pitch_um: Some(20.0), ..PostOptions::default() };
-        let (expected, strokes) = judged(&head, "a.nc", &program(&head, JOB, &options, grbl));
-        let list = program(&head, JOB, &options, micro(10));
-        let (found, same_strokes) = judged(&head, "a.csv", &list);
+        let (expected, strokes) =
+            judged(&head, "a.nc", &program(&head, &options, grbl).unwrap()).unwrap();
+        let list = program(&head, &options, micro(10)).unwrap();
+        let (found, same_strokes) = judged(&head, "a.csv", &list).unwrap();
         assert_eq!((found.strokes, found.pulses), (expected.strokes, expected.pulses), "{name}");
         for (a, b) in same_strokes.iter().zip(&strokes) {
             assert!((a.start_error_um - b.start_error_um).abs() < SAME_UM, "{a:?} {b:?}");
@@ -114,8 +125,8 @@ fn sky_writing_is_in_the_micro_vectors() {
             ..PostOptions::default()
         };
         let grbl = ProgramFormat::of_name("grbl").unwrap();
-        let expected = pulses(&head, "a.nc", &program(&head, JOB, &options, grbl));
-        let found = pulses(&head, "a.csv", &program(&head, JOB, &options, micro(10)));
+        let expected = pulses(&head, "a.nc", &program(&head, &options, grbl).unwrap()).unwrap();
+        let found = pulses(&head, "a.csv", &program(&head, &options, micro(10)).unwrap()).unwrap();
         assert_eq!(found.len(), expected.len(), "{mode:?}");
         for (a, b) in found.iter().zip(&expected) {
             // The first pulses are where the head still accelerates.
@@ -130,16 +141,16 @@ fn longer_steps_are_coarser() {
     let head = ScanHead::default();
     let options = PostOptions { pitch_um: Some(20.0), ..PostOptions::default() };
     let grbl = ProgramFormat::of_name("grbl").unwrap();
-    let expected = pulses(&head, "a.nc", &program(&head, JOB, &options, grbl));
+    let expected = pulses(&head, "a.nc", &program(&head, &options, grbl).unwrap()).unwrap();
     let mut last_um = 0.0;
     for step_us in [10, 40, 100] {
-        let list = program(&head, JOB, &options, micro(step_us));
+        let list = program(&head, &options, micro(step_us)).unwrap();
         assert!(
             list.starts_with(&format!(
                 "{MICRO_VECTOR_HEADER}\n# lasergym step step_us={step_us}\n"
             ))
         );
-        let found = pulses(&head, "a.csv", &list);
+        let found = pulses(&head, "a.csv", &list).unwrap();
         let apart_um = found
             .iter()
             .zip(&expected)
@@ -173,10 +184,10 @@ fn a_list_without_notes_has_a_stroke_each_time_the_laser_is_on() {
     for k in 0..150 {
         let (x, lit) = (10 * k.min(100), (20..=80).contains(&k));
         let switched = if k == 80 { "5" } else { "" };
-        list += &format!("{x},0,{},,{switched}\r\n", u8::from(lit));
+        write!(list, "{x},0,{},,{switched}\r\n", u8::from(lit)).unwrap();
     }
     let head = ScanHead::default();
-    let (report, strokes) = judged(&head, "list.csv", &list);
+    let (report, strokes) = judged(&head, "list.csv", &list).unwrap();
     assert_eq!((report.strokes, report.empty_strokes), (1, 0));
     assert!((strokes[0].speed_m_s - 1.0).abs() < 1e-9);
     // Without compensation the line lags behind: both ends by 216 µm, once it runs.
@@ -237,7 +248,7 @@ fn a_laser_that_goes_on_before_its_stroke_begins_is_followed() {
     let mut text =
         String::from("(lasergym laser_on_us=-300 laser_off_us=-300 jump_us=1000)\nM3 S9\n");
     text += "G0 X-5 Y0\nG0 X0 Y0\nG1 X1 F60000\nM5\n";
-    let found = pulses(&head, "a.nc", &text);
+    let found = pulses(&head, "a.nc", &text).unwrap();
     let rest = found.iter().filter(|pulse| pulse.position_um.length() < 1.0).count();
     assert!(rest >= 15, "{rest}");
 }

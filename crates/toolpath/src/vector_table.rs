@@ -72,7 +72,7 @@ impl Row {
     /// Field `k` as a number that counts.
     fn count(&self, k: usize) -> Result<u64, ToolpathError> {
         let value = self.values[k];
-        let ok = value >= 1.0 && value <= 1e15 && value.fract() == 0.0;
+        let ok = (1.0..=1e15).contains(&value) && value.fract() == 0.0;
         self.check(k, ok, "a whole number from 1")?;
         Ok(value as u64)
     }
