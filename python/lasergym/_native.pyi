@@ -457,13 +457,7 @@ _PostSettings: TypeAlias = dict[str, Any]
 def galvo_heads() -> list[tuple[str, str]]: ...
 def galvo_head(head: str) -> tuple[float, float, bool]: ...
 def galvo_postprocess(
-    head: str,
-    job: str,
-    program: str,
-    settings: _PostSettings,
-    dialect: str,
-    step_us: int,
-    power: float,
+    head: str, job: str, program: str, settings: _PostSettings, dialect: str, power: float
 ) -> int: ...
 def galvo_simulate(
     head: str, program: str, map_px: int | None

@@ -402,10 +402,10 @@ def postprocess(
         "mark_delay_us": mark_delay_us,
         "fixed": offsets,
         "origin_um": origin_um,
+        "step_us": integer_in("step_us", step_us, 10, 1000),
     }
-    every_us = integer_in("step_us", step_us, 10, 1000)
     return _native.galvo_postprocess(
-        head_text(head), str(job), str(program), settings, dialect, every_us, power
+        head_text(head), str(job), str(program), settings, dialect, power
     )
 
 

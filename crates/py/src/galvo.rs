@@ -49,6 +49,8 @@ pub(crate) struct PostSettings {
     mark_delay_us: Option<f64>,
     fixed: Option<(f64, f64, f64, f64)>,
     origin_um: (f64, f64),
+    /// Of micro-vectors.
+    step_us: u32,
 }
 
 impl PostSettings {
@@ -120,12 +122,11 @@ pub(crate) fn galvo_postprocess(
     program: &str,
     settings: PostSettings,
     dialect: &str,
-    step_us: u32,
     power: f64,
 ) -> PyResult<u64> {
     let options = settings.options()?;
     let head = ScanHead::from_toml(head).map_err(galvo_error)?;
-    let format = ProgramFormat::of_name(dialect).map_err(galvo_error)?.with_step_us(step_us);
+    let format = ProgramFormat::of_name(dialect).map_err(galvo_error)?.with_step_us(settings.step_us);
     let input = BufReader::with_capacity(1 << 16, File::open(job)?);
     let mut reader = JobReader::of_name(job, input).map_err(galvo_error)?;
     let knowledge = HeadKnowledge::of_head(&head);
