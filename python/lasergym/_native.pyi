@@ -28,6 +28,7 @@ __all__ = [
     "calibrate_trenches",
     "depths_of_heights",
     "disturbed_job",
+    "frame_preview",
     "galvo_calibrate",
     "galvo_compensation",
     "galvo_head",
@@ -395,6 +396,7 @@ def disturbed_job(
     disturbance: dict[str, Any],
     seed: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float, float, int]]: ...
+def frame_preview(content: bytes, file: str) -> tuple[bytes, int, int]: ...
 def gif(pictures: NDArray[np.uint8], delay_s: float) -> bytes: ...
 def calibrate_trenches(
     trenches: str, profile: str

@@ -145,7 +145,7 @@ def test_frames_are_shown(page: HeadlessBrowser) -> None:
             f"createImageBitmap(document.querySelector('#{place} image')) instanceof Promise"
         )
         url = page.evaluate(f"document.querySelector('#{place} image').getAttribute('href')")
-        assert url.startswith("data:image/png;base64,")
+        assert url.startswith("data:image/jpeg;base64,")
     set_slider(page, 0)
     assert text(page, "before") == "no frame"
 

@@ -29,10 +29,10 @@ pub use job::{
     ObserverMaker, PhaseTimes, read_job,
 };
 pub use journal::{
-    BeginRecord, Damage, DamageKind, EndRecord, FaultRecord, FiredRecord, FrameRecord,
-    IntentOrigin, IntentRecord, JOURNAL_VERSION, JobFolder, JobStorage, JournalReading,
-    JournalVerdict, MAX_JOURNAL_BYTES, MarkRecord, ObservedRecord, PositionRecord, Record,
-    ResumedRecord, read_journal,
+    BeginRecord, Damage, DamageKind, EndRecord, FaultRecord, FiredRecord, FramePreview,
+    FrameRecord, IntentOrigin, IntentRecord, JOURNAL_VERSION, JobFolder, JobStorage,
+    JournalReading, JournalVerdict, MAX_JOURNAL_BYTES, MarkRecord, ObservedRecord, PositionRecord,
+    Record, ResumedRecord, frame_preview, read_journal,
 };
 pub use observation::{Mark, Observation, Observer, ObserverError, Verdict};
 pub use supervise::{Deadlines, Supervised};

@@ -57,7 +57,7 @@ mod _native {
     #[pymodule_export]
     use crate::milling_environment::{NativeMillingBatch, NativeMillingEnvironment, random_relief};
     #[pymodule_export]
-    use crate::pictures::{NativeTrajectoryPicture, gif};
+    use crate::pictures::{NativeTrajectoryPicture, frame_preview, gif};
     #[pymodule_export]
     use crate::planners::{plan, shortest_order};
     #[pymodule_export]

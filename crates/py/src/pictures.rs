@@ -10,7 +10,19 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::bitmaps::bitmap_of;
-use crate::errors::{drawing_error, exception, option_error, toolpath_error};
+use crate::errors::{drawing_error, exception, job_error, option_error, toolpath_error};
+
+/// A frame of a job as (JPEG, columns, rows), from the bytes of its PNG `file`.
+#[pyfunction]
+pub(crate) fn frame_preview<'py>(
+    py: Python<'py>,
+    content: &[u8],
+    file: &str,
+) -> PyResult<(Bound<'py, PyBytes>, usize, usize)> {
+    let preview =
+        py.detach(|| lasergym_machine::frame_preview(content, file)).map_err(job_error)?;
+    Ok((PyBytes::new(py, &preview.jpeg), preview.width_px, preview.height_px))
+}
 
 /// A target with pulses in firing order, and how it is drawn.
 #[pyclass(name = "TrajectoryPicture", module = "lasergym._native", frozen)]

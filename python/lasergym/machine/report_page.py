@@ -5,13 +5,12 @@ from __future__ import annotations
 import base64
 import html
 import json
-import struct
 from collections.abc import Mapping
 from importlib.resources import files
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lasergym import _native
+from lasergym.errors import JobError
 from lasergym.machine.journal import Mark
 
 if TYPE_CHECKING:
@@ -21,7 +20,6 @@ __all__ = ["report_page"]
 
 _TEMPLATE = "report_template.html"
 _TRAJECTORY_WIDTH_PX = 480
-_FRAME_WIDTH_PX = 640
 
 _PHASES = {
     "move_s": "stage moves",
@@ -40,7 +38,7 @@ def report_page(report: JobReport) -> str:
     title = f"Job {report.folder.resolve().name}"
     data = {
         "steps": _steps(report),
-        "frames": {name: _frame(report.folder / name) for name in _frame_names(report)},
+        "frames": _frames(report),
         "matrix": _frame_matrix(report.begin.calibration),
         "phases": _phases(report.phases),
         "faults": [
@@ -127,20 +125,24 @@ def _said(step: Step) -> str:
     return ", ".join(parts)
 
 
-def _frame_names(report: JobReport) -> list[str]:
-    names = [report.first_frame, *(step.frame for step in report.steps)]
-    return [name for name in names if name is not None and (report.folder / name).is_file()]
+def _frames(report: JobReport) -> dict[str, Any]:
+    """Previews of the frames as data URLs; the page shows them in the sides that they have.
 
-
-def _frame(path: Path) -> dict[str, Any]:
-    """A frame as a data URL; the page shows it in the sides that it was taken with."""
-    content = path.read_bytes()
-    width_px, height_px = _sides_px(content)
-    return {
-        "url": "data:image/png;base64," + base64.b64encode(content).decode(),
-        "width": width_px,
-        "height": height_px,
-    }
+    Frames that are missing or damaged are left out.
+    """
+    previews = {}
+    for name in (report.first_frame, *(step.frame for step in report.steps)):
+        if name is None or not (report.folder / name).is_file():
+            continue
+        try:
+            jpeg, width_px, height_px = _native.frame_preview(
+                (report.folder / name).read_bytes(), name
+            )
+        except JobError:
+            continue
+        url = "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
+        previews[name] = {"url": url, "width": width_px, "height": height_px}
+    return previews
 
 
 def _frame_matrix(calibration: Mapping[str, Any] | None) -> list[float]:
@@ -149,14 +151,6 @@ def _frame_matrix(calibration: Mapping[str, Any] | None) -> list[float]:
         return [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]
     x_row, y_row = calibration["frame_from_pattern"]
     return [float(row[column]) for column in range(3) for row in (x_row, y_row)]
-
-
-def _sides_px(png: bytes) -> tuple[int, int]:
-    """Width and height of a PNG file, which begins with them; (1, 1) for anything else."""
-    if len(png) < 24 or png[12:16] != b"IHDR":
-        return 1, 1
-    width_px, height_px = struct.unpack(">II", png[16:24])
-    return width_px, height_px
 
 
 def _phases(phases: Mapping[str, float]) -> list[dict[str, str | float]]:

@@ -7,6 +7,7 @@ mod record;
 mod storage;
 mod writer;
 
+pub use frame_file::{FramePreview, frame_preview};
 pub(crate) use frame_file::{frame_from_png, frame_name, frame_to_png, pixels_crc, recorded_frame};
 pub use reader::{Damage, DamageKind, JournalReading, MAX_JOURNAL_BYTES, read_journal};
 pub use record::{
