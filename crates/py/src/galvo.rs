@@ -126,7 +126,8 @@ pub(crate) fn galvo_postprocess(
 ) -> PyResult<u64> {
     let options = settings.options()?;
     let head = ScanHead::from_toml(head).map_err(galvo_error)?;
-    let format = ProgramFormat::of_name(dialect).map_err(galvo_error)?.with_step_us(settings.step_us);
+    let format =
+        ProgramFormat::of_name(dialect).map_err(galvo_error)?.with_step_us(settings.step_us);
     let input = BufReader::with_capacity(1 << 16, File::open(job)?);
     let mut reader = JobReader::of_name(job, input).map_err(galvo_error)?;
     let knowledge = HeadKnowledge::of_head(&head);
