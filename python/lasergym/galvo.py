@@ -49,8 +49,9 @@ _SHIPPED: dict[str, str] = dict(_native.galvo_heads())
 HEADS: tuple[str, ...] = tuple(_SHIPPED)
 """Names of the shipped heads; all have the lag of Penchev et al., 216.4 µs."""
 
-DIALECTS: tuple[str, ...] = ("grbl", "linuxcnc", "mach4", "rtc")
-"""What programs are written as: G-code of three controllers, or a list of RTC commands as CSV."""
+DIALECTS: tuple[str, ...] = ("grbl", "linuxcnc", "mach4", "rtc", "rtc-micro-vectors")
+"""What programs are written as: G-code of three controllers, or a list of RTC commands or of
+micro-vectors as CSV."""
 
 Method: TypeAlias = Literal["adaptive", "delays", "none"]
 """How strokes are compensated: offsets and delays, delays only, not at all."""
@@ -477,11 +478,16 @@ def postprocess(
     mark_delay_us: float | None = None,
     power: float = 255.0,
     offsets: tuple[float, float, float, float] | None = None,
+    step_us: int = 10,
+    origin_um: tuple[float, float] = (0.0, 0.0),
 ) -> int:
     """Turns a job into a program whose strokes come out as drawn.
 
     Args:
-        job: A cutter-location file (.apt, .cl, .cls) or G-code (.nc, .gcode, .ngc, .tap).
+        job: A cutter-location file (.apt, .cl, .cls), G-code (.nc, .gcode, .ngc, .tap) or a table
+            (.csv) of passes as ``lasergym mill`` or of pulses as ``lasergym plan`` writes it.
+            Tables count y downwards: (x, y) becomes (x, −y). A pulse, also a dwell with the laser
+            on in G-code, becomes a stroke that fires once; it needs ``speed_m_s``.
         program: The file to write.
         head: Name of a shipped head or of a TOML file, with its calibration.
         dialect: One of :data:`DIALECTS`.
@@ -500,6 +506,8 @@ def postprocess(
         mark_delay_us: Wait after strokes, µs; by default the lag.
         power: The word S of lit vectors, Q from 0 to 255 for Mach4.
         offsets: Run-in µm, run-out µm, laser on µs, laser off µs to use instead.
+        step_us: Time between micro-vectors, µs, a multiple of 10 up to 1000.
+        origin_um: Where the origin of the job lies in the field of the head, µm.
 
     Returns:
         The number of vectors.
@@ -521,6 +529,8 @@ def postprocess(
         "jump_delay_us": jump_delay_us,
         "mark_delay_us": mark_delay_us,
         "fixed": offsets,
+        "origin_um": origin_um,
+        "step_us": integer_in("step_us", step_us, 10, 1000),
     }
     return _native.galvo_postprocess(
         head_text(head), str(job), str(program), settings, dialect, power
@@ -533,7 +543,7 @@ def simulate(
     """Runs a program on a simulated head and judges what it makes.
 
     Args:
-        program: G-code, ours or foreign, or a command list (.csv).
+        program: G-code, ours or foreign, or a list of RTC commands or micro-vectors (.csv).
         head: Name of a shipped head or of a TOML file.
         map_px: Cells of the energy map along its longer side, from 16 to 4000; by default no map.
 

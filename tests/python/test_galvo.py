@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import lasergym.programs
 from lasergym import galvo
 from lasergym.cli import main
 from lasergym.errors import GalvoError, OptionError, ProgramError
@@ -72,7 +73,7 @@ def test_a_calibration_from_four_lines_makes_lines_right(
 @pytest.mark.parametrize("dialect", galvo.DIALECTS)
 def test_every_dialect_makes_the_same_lines(dialect: str, tmp_path: Path) -> None:
     job = star_of_lines(tmp_path / "job.apt")
-    program = tmp_path / ("job.csv" if dialect == "rtc" else "job.nc")
+    program = tmp_path / ("job.csv" if dialect.startswith("rtc") else "job.nc")
     galvo.postprocess(job, program, dialect=dialect, pitch_um=40)
     judged = galvo.simulate(program, map_px=200)
     assert judged.figures["pulses"] == 10 * 50
@@ -81,6 +82,50 @@ def test_every_dialect_makes_the_same_lines(dialect: str, tmp_path: Path) -> Non
     assert judged.energy.shape == (200, 200) or max(judged.energy.shape) == 200
     assert judged.picture is not None
     assert judged.picture.startswith(b"\x89PNG")
+
+
+def test_micro_vectors_make_what_the_vectors_make(tmp_path: Path) -> None:
+    job = star_of_lines(tmp_path / "job.apt")
+    vectors, micro = tmp_path / "vectors.csv", tmp_path / "micro.csv"
+    galvo.postprocess(job, vectors, dialect="rtc", pitch_um=40)
+    galvo.postprocess(job, micro, dialect="rtc-micro-vectors", pitch_um=40, step_us=20)
+    rows = [line for line in micro.read_text().splitlines() if not line.startswith("#")]
+    assert rows[0] == "x_um,y_um,laser,on_us,off_us"
+    expected, found = galvo.simulate(vectors), galvo.simulate(micro)
+    assert found.figures["pulses"] == expected.figures["pulses"]
+    assert len(rows) == pytest.approx(1 + float(expected.figures["total_s"] or 0) / 20e-6, abs=3)
+    for name in ("start_error_um", "end_error_um"):
+        assert np.abs(found.strokes[name] - expected.strokes[name]).max() < 0.2
+    with pytest.raises(OptionError, match="step_us"):
+        galvo.postprocess(job, micro, dialect="rtc-micro-vectors", step_us=15)
+
+
+def test_our_own_toolpaths_are_jobs(tmp_path: Path) -> None:
+    passes, pulses = tmp_path / "passes.csv", tmp_path / "pulses.csv"
+    passes.write_text(
+        "pass,point,x_um,y_um,speed_mm_s,beam_on\n1,1,0,0,500,0\n1,2,1000,0,500,1\n"
+        "2,1,1000,50,500,0\n2,2,0,50,500,1\n"
+    )
+    xy_px = np.array([[10.0, 10.0], [400.0, 30.0], [80.0, 500.0]])
+    pulses.write_text(lasergym.programs.to_csv(xy_px))
+    stage = tmp_path / "pulses.nc"
+    stage.write_text(lasergym.programs.to_gcode(xy_px, pulse_radius_px=9.0))
+    program = tmp_path / "job.nc"
+    assert galvo.postprocess(passes, program, pitch_um=20, origin_um=(-500, 0)) == 2
+    judged = galvo.simulate(program)
+    assert np.abs(judged.strokes["length_error_um"]).max() < 2
+    for job in (pulses, stage):
+        assert galvo.postprocess(job, program, speed_m_s=1.0) == 3
+        assert galvo.simulate(program).strokes["pulses"].tolist() == [1, 1, 1]
+        with pytest.raises(GalvoError, match="speed"):
+            galvo.postprocess(job, program)
+    passes.write_text("pass,point,x_um,y_um,speed_mm_s,beam_on\n1,1,0,zero,500,0\n")
+    with pytest.raises(ProgramError, match="line 2, column 7"):
+        galvo.postprocess(passes, program)
+    program = tmp_path / "list.csv"
+    program.write_text("x_um,y_um,laser,on_us,off_us\n0,0,2,,\n")
+    with pytest.raises(ProgramError, match="line 2, column 5"):
+        galvo.simulate(program)
 
 
 def test_a_program_that_switches_the_laser_itself_makes_the_same_lines(tmp_path: Path) -> None:
@@ -323,6 +368,14 @@ def test_the_commands_work_together(tmp_path: Path, capsys: pytest.CaptureFixtur
     for key in ("pitch_min", "pitch_max", "mark_s", "jump_s", "delay_s", "total_s"):
         assert report[key] > 0
     assert (job / "energy.png").stat().st_size > 100
+    micro = tmp_path / "micro.csv"
+    code, out, _ = run(
+        capsys,
+        *("galvo", "post", str(pattern), "--speed-m-s", "2", "--head", str(head), "-o", str(micro)),
+        *("--dialect", "rtc-micro-vectors", "--step-us", "20", "--origin-um", "-500,250", "--json"),
+    )
+    assert (code, json.loads(out)["dialect"]) == (0, "rtc-micro-vectors")
+    assert run(capsys, "galvo", "simulate", str(micro), "--head", str(head))[0] == 0
 
 
 def test_tuned_heads_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -375,6 +428,7 @@ def test_the_commands_refuse_bad_input(tmp_path: Path, capsys: pytest.CaptureFix
         (("tune", "--delays-only", "-o", str(tmp_path / "x.toml")), "one speed"),
         (("post", str(job), "-o", str(job)), "another name"),
         (("post", str(job), "-o", str(tmp_path / "x.nc"), "--method", "axe"), "adaptive"),
+        (("post", str(job), "-o", str(tmp_path / "x.nc"), "--origin-um", "1"), "x,y"),
         (("simulate", str(job), "-o", str(job)), "folder"),
         (("simulate", str(tmp_path / "none.nc")), "none.nc"),
     ):

@@ -33,7 +33,7 @@ fn program(job: &str, options: &PostOptions) -> Result<Vec<u8>, GalvoError> {
     let head = ScanHead::default();
     let mut reader = JobReader::of_name("job.apt", job.as_bytes())?;
     let format = ProgramFormat::of_name("grbl")?;
-    let writer = ProgramWriter::begin(Vec::new(), format, 255.0)?;
+    let writer = ProgramWriter::begin(Vec::new(), format, 255.0, &head)?;
     let knowledge = HeadKnowledge::of_head(&head);
     postprocess(&head, &knowledge, options, &mut reader, writer)?.0.finish()
 }

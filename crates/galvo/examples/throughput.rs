@@ -44,18 +44,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (job, program) = (folder.join("lasergym_hatch.apt"), folder.join("lasergym_hatch.nc"));
     let head = ScanHead::default();
     let knowledge = HeadKnowledge::of_head(&head);
-    let format = ProgramFormat::of_name("grbl")?;
-    for (vectors, pitch_um) in [(1_000_000, None), (4_150, Some(4.0))] {
+    for (vectors, pitch_um, dialect) in
+        [(1_000_000, None, "grbl"), (5_000, None, "rtc-micro-vectors"), (4_150, Some(4.0), "grbl")]
+    {
+        let format = ProgramFormat::of_name(dialect)?;
         write_hatch(&job, vectors)?;
         let options = PostOptions { pitch_um, ..PostOptions::default() };
         let (before, _) = used();
         let started = Instant::now();
         let mut reader = JobReader::of_name("hatch.apt", BufReader::new(File::open(&job)?))?;
-        let writer = ProgramWriter::begin(File::create(&program)?, format, 255.0)?;
+        let writer = ProgramWriter::begin(File::create(&program)?, format, 255.0, &head)?;
         postprocess(&head, &knowledge, &options, &mut reader, writer)?.0.finish()?;
         let (after, peak_mb) = used();
         println!(
-            "{vectors} vectors postprocessed: {:.2} s of processor, {:.2} s in all, at most {peak_mb:.1} MB",
+            "{vectors} vectors as {dialect}, {:.1} MB: {:.2} s of processor, {:.2} s in all, at most {peak_mb:.1} MB",
+            std::fs::metadata(&program)?.len() as f64 / 1e6,
             after - before,
             started.elapsed().as_secs_f64()
         );

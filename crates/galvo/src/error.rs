@@ -44,6 +44,16 @@ pub enum GalvoError {
         /// What is wrong and what is accepted.
         reason: String,
     },
+    /// A list of commands or micro-vectors, or a note in a program, cannot be read.
+    #[error("line {line}, column {column}: {reason}")]
+    Program {
+        /// Number of the line.
+        line: usize,
+        /// Number of the character in the line.
+        column: usize,
+        /// What is wrong and what is accepted.
+        reason: String,
+    },
     /// A step response that no stable head has.
     #[error("the step response cannot be used ({reason}): record it from rest to rest")]
     StepResponse {

@@ -4,9 +4,10 @@ use std::collections::VecDeque;
 
 use lasergym_geom::Point;
 
-use crate::controller::{Observer, StrokeEnd};
 use crate::energy_map::EnergyMap;
+use crate::head_command::StrokeEnd;
 use crate::player::{PulseLanding, TimeSplit};
+use crate::watched_head::Observer;
 
 /// What is measured on a stroke.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -292,7 +293,7 @@ impl<F: FnMut(&StrokeMeasure)> Observer for Judge<F> {
         }
         let speed_m_s = self.waiting.front().map_or(0.0, |stroke| stroke.start.speed_m_s);
         let nominal_um = speed_m_s * pulse.period_us;
-        if let Some(last) = self.last.filter(|_| !pulse.first) {
+        if let Some(last) = self.last.filter(|_| !pulse.first && nominal_um > 0.0) {
             let pitch = last.position_um.distance(pulse.position_um) / nominal_um;
             self.pitches.add(pitch);
             self.all_pitches.add(pitch);

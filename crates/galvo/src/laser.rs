@@ -73,6 +73,8 @@ pub(crate) struct Gate {
     pub(crate) stroke: u64,
     /// Number of the next pulse: of the gate, or of the whole train when that runs freely.
     pub(crate) next: u64,
+    /// Whether none of its pulses has been fired yet.
+    pub(crate) fresh: bool,
 }
 
 impl Gate {
@@ -83,7 +85,7 @@ impl Gate {
             PulseTrain::Synchronised => 0,
             PulseTrain::FreeRunning => (on_us / period_us).ceil().max(0.0) as u64,
         };
-        Self { on_us, off_us: None, period_us, stroke, next }
+        Self { on_us, off_us: None, period_us, stroke, next, fresh: true }
     }
 
     /// When the next pulse would fire, µs.

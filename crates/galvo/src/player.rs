@@ -201,12 +201,13 @@ impl<'a> Player<'a> {
                 position_um: self.head.field.landing(Point::new(x.position_um, y.position_um)),
                 speed_m_s: x.speed_m_s.hypot(y.speed_m_s),
                 stroke: gate.stroke,
-                first: pulse_us - gate.on_us < gate.period_us,
+                first: gate.fresh,
                 period_us: gate.period_us,
             });
             self.fired += 1;
             if let Some(front) = self.gates.front_mut() {
                 front.next += 1;
+                front.fresh = false;
             }
         }
         if self.gates.is_empty() {
@@ -256,6 +257,23 @@ mod tests {
         assert_eq!(times, [100.0, 120.0, 140.0]);
         assert!(pulses.iter().all(|pulse| pulse.stroke == 7));
         assert!(pulses[0].first && !pulses[1].first);
+    }
+
+    /// Late in a program the clock's last digits are worth more than rounding in a period.
+    #[test]
+    fn only_one_pulse_of_a_gate_is_the_first() {
+        let head = ScanHead::default();
+        for k in 0..2000 {
+            let on_us = 1e6 + f64::from(k) / 7.0;
+            let pulses = landings(&head, |player| {
+                player.wait(on_us - 100.0);
+                player.open_gate(on_us, 20.0 / 1.001, 0);
+                player.close_gate(on_us + 70.0);
+                player.wait(300.0);
+            });
+            let first: Vec<bool> = pulses.iter().map(|pulse| pulse.first).collect();
+            assert_eq!(first, [true, false, false, false], "{on_us}");
+        }
     }
 
     #[test]

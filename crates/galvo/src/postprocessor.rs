@@ -60,6 +60,8 @@ pub struct PostOptions {
     pub mark_delay_us: Option<f64>,
     /// Offsets and delays to use instead of those that follow from the head.
     pub fixed: Option<Compensation>,
+    /// Where the origin of the job lies in the field, µm, within ±10⁶. Default (0, 0), its middle.
+    pub origin_um: Point,
 }
 
 impl Default for PostOptions {
@@ -77,6 +79,7 @@ impl Default for PostOptions {
             jump_delay_us: None,
             mark_delay_us: None,
             fixed: None,
+            origin_um: Point::default(),
         }
     }
 }
@@ -108,12 +111,21 @@ impl PostOptions {
             let delay = delay.unwrap_or(0.0);
             check_option(name, delay, (0.0..=1e6).contains(&delay), "in [0, 1e6] µs")?;
         }
+        for (name, at) in [("origin_x_um", self.origin_um.x), ("origin_y_um", self.origin_um.y)] {
+            check_option(name, at, at.abs() <= 1e6, "within ±1e6 µm")?;
+        }
         Ok(())
     }
 }
 
 /// Chords stay within this of their arcs, µm.
 const ARC_TOLERANCE_UM: f64 = 0.05;
+
+/// Length of the vector in whose middle a single pulse fires, µm.
+const PULSE_VECTOR_UM: f64 = 0.1;
+
+/// Stretches below this are rounding, µm: the laser is not switched for them.
+const ROUNDING_UM: f64 = 1e-6;
 
 /// A vector of the stroke under way.
 #[derive(Debug, Clone, Copy)]
@@ -122,6 +134,8 @@ struct Vector {
     to: Point,
     direction: Point,
     speed_m_s: f64,
+    /// Whether it gets one pulse in its middle, whatever its length.
+    single: bool,
 }
 
 impl Vector {
@@ -142,6 +156,7 @@ impl Vector {
             to,
             direction: (to - from).normalized(),
             speed_m_s: self.speed_m_s * stretched,
+            single: self.single,
         }
     }
 }
@@ -213,27 +228,46 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
     /// # Errors
     /// [`GalvoError::SpeedUnknown`] for a vector without speed, [`GalvoError::OutsideField`] for one
     /// that leaves the field with its run-in, what the sink reports, and
-    /// [`GalvoError::InvalidOption`].
+    /// [`GalvoError::InvalidOption`], also for a vector so slow that its delays are out of range.
     pub fn step(&mut self, step: &VectorStep) -> Result<(), GalvoError> {
+        let origin = self.options.origin_um;
         match *step {
             VectorStep::Jump { to_um } => {
                 self.end_stroke()?;
-                self.at_um = Some(to_um);
+                self.at_um = Some(to_um + origin);
             }
             VectorStep::Layer { z_um } => {
                 self.end_stroke()?;
                 (self.sink)(&ProgramStep::Layer { z_um })?;
             }
-            VectorStep::Mark { to_um, speed_m_s } => self.mark(to_um, speed_m_s)?,
+            VectorStep::Mark { to_um, speed_m_s } => self.mark(to_um + origin, speed_m_s)?,
+            VectorStep::Pulse { at_um } => self.pulse(at_um + origin)?,
             VectorStep::Arc { to_um, center_um, counterclockwise, speed_m_s } => {
-                let from = self.at_um.unwrap_or_default();
-                for chord in arc_chords(from, to_um, center_um, counterclockwise, ARC_TOLERANCE_UM)
-                {
+                let from = self.at_um.unwrap_or(self.options.origin_um);
+                let (to, center) = (to_um + origin, center_um + origin);
+                for chord in arc_chords(from, to, center, counterclockwise, ARC_TOLERANCE_UM) {
                     self.mark(chord, speed_m_s)?;
                 }
             }
         }
         Ok(())
+    }
+
+    /// A stroke through `at`, in the direction in which the beam comes, with one pulse there.
+    fn pulse(&mut self, at: Point) -> Result<(), GalvoError> {
+        self.end_stroke()?;
+        self.vectors += 1;
+        let way = at - self.at_um.unwrap_or(self.options.origin_um);
+        let direction = if way.length() > 0.0 { way.normalized() } else { Point::new(1.0, 0.0) };
+        self.at_um = Some(at);
+        let Some(speed_m_s) = self.options.speed_m_s else {
+            return Err(GalvoError::SpeedUnknown { vector: self.vectors });
+        };
+        let half = direction * (0.5 * PULSE_VECTOR_UM);
+        self.first = true;
+        self.held =
+            Some(Vector { from: at - half, to: at + half, direction, speed_m_s, single: true });
+        self.end_stroke()
     }
 
     /// Ends the job.
@@ -246,7 +280,7 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
 
     fn mark(&mut self, to: Point, speed_m_s: Option<f64>) -> Result<(), GalvoError> {
         self.vectors += 1;
-        let from = self.at_um.unwrap_or_default();
+        let from = self.at_um.unwrap_or(self.options.origin_um);
         self.at_um = Some(to);
         let direction = (to - from).normalized();
         let Some(speed_m_s) = self.options.speed_m_s.or(speed_m_s) else {
@@ -256,7 +290,7 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
         if from.distance(to) <= 0.0 {
             return Ok(());
         }
-        let vector = Vector { from, to, direction, speed_m_s };
+        let vector = Vector { from, to, direction, speed_m_s, single: false };
         if let Some(held) = self.held {
             let cosine = held.direction.x * direction.x + held.direction.y * direction.y;
             let same_speed = (held.speed_m_s - speed_m_s).abs() <= 1e-9 * speed_m_s;
@@ -311,7 +345,7 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
         let vector = drawn.moved(start, self.shift);
         let plan = self.plan(&found, &drawn, alone)?;
         let inline = self.options.control == LaserControl::Inline;
-        let Vector { from, to, direction, speed_m_s } = vector;
+        let Vector { from, to, direction, speed_m_s, .. } = vector;
         if self.first {
             self.settle_settings(plan.settings)?;
             self.jump(from - direction * found.run_in_um)?;
@@ -325,13 +359,13 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
         // The laser goes on where the command is when the beam reaches the first pulse.
         let length_um = at.distance(end);
         let dark_um = self.dark_um.min(length_um);
-        if dark_um > 0.0 {
+        if dark_um > ROUNDING_UM {
             at = at + direction * dark_um;
             self.dark_um -= dark_um;
             self.go(at, speed_m_s, false)?;
         }
         let lit_end = if last { end + direction * (plan.off_us.min(0.0) * speed_m_s) } else { end };
-        if (lit_end - at).x * direction.x + (lit_end - at).y * direction.y > 0.0 {
+        if (lit_end - at).x * direction.x + (lit_end - at).y * direction.y > ROUNDING_UM {
             self.go(lit_end, speed_m_s, true)?;
         }
         if last && lit_end.distance(end) > 0.0 {
@@ -361,13 +395,17 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
         let way_um = found.run_in_um + length_um + found.run_out_um;
         let lit_us = way_um / speed + off_us - on_us;
         if alone && compensated {
-            if lit_us < 0.5 * period_us {
-                // Too short for two craters: one in the middle.
+            if vector.single || lit_us < 0.5 * period_us {
+                // Too short for two craters, or meant for one: it is in the middle.
                 on_us += 0.5 * lit_us;
                 off_us -= 0.5 * lit_us;
             } else if options.grid == PulseGrid::Fit {
                 period_us = lit_us / (lit_us / period_us).round().max(1.0);
             }
+        }
+        if vector.single {
+            // The last pulse is the first.
+            off_us = on_us - way_um / speed;
         }
         // The gate closes half a period behind the last pulse, so that rounding loses none.
         let margin_us = if compensated { 0.5 * period_us } else { 1e-3 };
@@ -411,6 +449,8 @@ impl<'a, S: FnMut(&ProgramStep) -> Result<(), GalvoError>> Postprocessor<'a, S> 
 
     fn settle_settings(&mut self, settings: ProgramSettings) -> Result<(), GalvoError> {
         if self.settings != Some(settings) {
+            // Very slow vectors have longer delays than a controller knows.
+            settings.validate()?;
             self.settings = Some(settings);
             (self.sink)(&ProgramStep::Settings(settings))?;
         }

@@ -1,12 +1,15 @@
-//! Programs and jobs as files: G-code in three dialects and command lists of RTC boards.
+//! Programs and jobs as files: G-code in three dialects, lists of RTC boards, and what jobs come in.
 
 use std::io::{BufRead, Write};
 
 use lasergym_geom::Point;
 use lasergym_toolpath::{
-    AptReader, GcodeDialect, GcodeMotion, GcodeMotionReader, VectorGcode, VectorStep, arc_chords,
+    AptReader, GcodeDialect, GcodeMotion, GcodeMotionReader, VectorGcode, VectorStep,
+    VectorTableReader, arc_chords,
 };
 
+use crate::controller::ProgramRun;
+use crate::micro_vector_list::MicroVectorList;
 use crate::program::{ProgramSettings, ProgramStep};
 use crate::rtc_list::{RtcList, RtcListReader};
 use crate::settings_note::{apply_note, settings_note};
@@ -22,10 +25,16 @@ pub enum ProgramFormat {
     Gcode(GcodeDialect),
     /// Commands of an RTC board as CSV.
     RtcList,
+    /// Micro-vectors of an RTC board as CSV, one every so many µs, a multiple of 10 up to 1000.
+    RtcMicroVectors {
+        /// The step, µs.
+        step_us: u32,
+    },
 }
 
 impl ProgramFormat {
-    /// The format of a name: grbl, linuxcnc, mach4 or rtc.
+    /// The format of a name: grbl, linuxcnc, mach4, rtc or rtc-micro-vectors, which has a step of
+    /// 10 µs.
     ///
     /// # Errors
     /// [`GalvoError::UnknownName`] lists the names.
@@ -35,34 +44,52 @@ impl ProgramFormat {
             "linuxcnc" => Ok(Self::Gcode(GcodeDialect::LinuxCnc)),
             "mach4" => Ok(Self::Gcode(GcodeDialect::Mach4)),
             "rtc" => Ok(Self::RtcList),
+            "rtc-micro-vectors" => Ok(Self::RtcMicroVectors { step_us: 10 }),
             _ => Err(GalvoError::UnknownName {
                 name: "dialect",
                 value: name.chars().take(40).collect(),
-                accepted: "grbl, linuxcnc, mach4, rtc",
+                accepted: "grbl, linuxcnc, mach4, rtc, rtc-micro-vectors",
             }),
+        }
+    }
+
+    /// The same format; micro-vectors have a step of `step_us`, others know of none.
+    #[must_use]
+    pub fn with_step_us(self, step_us: u32) -> Self {
+        match self {
+            Self::RtcMicroVectors { .. } => Self::RtcMicroVectors { step_us },
+            Self::Gcode(_) | Self::RtcList => self,
         }
     }
 }
 
 /// Writes a program step by step.
 #[derive(Debug)]
-pub struct ProgramWriter<W: Write> {
-    out: Output<W>,
+pub struct ProgramWriter<'a, W: Write> {
+    out: Output<'a, W>,
     settings: Option<ProgramSettings>,
 }
 
 #[derive(Debug)]
-enum Output<W: Write> {
+enum Output<'a, W: Write> {
     Gcode(VectorGcode<W>),
     Rtc(RtcList<W>),
+    MicroVectors(Box<ProgramRun<'a, MicroVectorList<W>>>),
 }
 
-impl<W: Write> ProgramWriter<W> {
+impl<'a, W: Write> ProgramWriter<'a, W> {
     /// Begins a program of `format`; `power` is the S word of lit vectors, from 0 to 255 for Mach4.
+    /// Micro-vectors are what the controller of `head` makes of the steps.
     ///
     /// # Errors
-    /// [`GalvoError::Write`] when writing fails.
-    pub fn begin(out: W, format: ProgramFormat, power: f64) -> Result<Self, GalvoError> {
+    /// [`GalvoError::Write`] when writing fails, [`GalvoError::InvalidOption`] for a step of
+    /// micro-vectors out of range.
+    pub fn begin(
+        out: W,
+        format: ProgramFormat,
+        power: f64,
+        head: &'a ScanHead,
+    ) -> Result<Self, GalvoError> {
         let comments = [
             "lasergym: strokes extended by run-in and run-out for the dynamics of a scan head",
             "lasergym: laser on and off count from start and end of the extended stroke",
@@ -72,6 +99,10 @@ impl<W: Write> ProgramWriter<W> {
                 Output::Gcode(VectorGcode::begin(out, dialect, power, &comments)?)
             }
             ProgramFormat::RtcList => Output::Rtc(RtcList::begin(out)?),
+            ProgramFormat::RtcMicroVectors { step_us } => {
+                let list = MicroVectorList::begin(out, f64::from(step_us))?;
+                Output::MicroVectors(Box::new(ProgramRun::onto(head, list)))
+            }
         };
         Ok(Self { out, settings: None })
     }
@@ -79,10 +110,12 @@ impl<W: Write> ProgramWriter<W> {
     /// Writes a step.
     ///
     /// # Errors
-    /// [`GalvoError::Write`] when writing fails.
+    /// [`GalvoError::Write`] when writing fails; with micro-vectors also what [`ProgramRun::step`]
+    /// reports.
     pub fn step(&mut self, step: &ProgramStep) -> Result<(), GalvoError> {
         match (&mut self.out, *step) {
             (Output::Rtc(list), _) => list.step(step)?,
+            (Output::MicroVectors(run), _) => run.step(step)?,
             (Output::Gcode(program), ProgramStep::Settings(settings)) => {
                 program.note(&settings_note(self.settings.as_ref(), &settings))?;
                 self.settings = Some(settings);
@@ -102,11 +135,12 @@ impl<W: Write> ProgramWriter<W> {
     /// Ends the program with the laser off, and hands the writer back.
     ///
     /// # Errors
-    /// [`GalvoError::Write`] when writing fails.
+    /// As [`ProgramWriter::step`].
     pub fn finish(self) -> Result<W, GalvoError> {
         Ok(match self.out {
             Output::Gcode(program) => program.finish()?,
             Output::Rtc(list) => list.finish()?,
+            Output::MicroVectors(run) => run.end()?.finish()?,
         })
     }
 }
@@ -154,8 +188,7 @@ impl<R: BufRead> ProgramReader<R> {
     /// The next step; none at the end.
     ///
     /// # Errors
-    /// [`GalvoError::Toolpath`] and [`GalvoError::Table`] say what is wrong with the file and where,
-    /// [`GalvoError::Settings`] what is wrong with a note.
+    /// [`GalvoError::Toolpath`] and [`GalvoError::Program`] say what is wrong with the file and where.
     pub fn next_step(&mut self) -> Result<Option<ProgramStep>, GalvoError> {
         if let Some(step) = self.chords.next() {
             return Ok(Some(step));
@@ -166,11 +199,15 @@ impl<R: BufRead> ProgramReader<R> {
         };
         let Some(motion) = reader.next_motion()? else { return Ok(None) };
         let step = match motion {
-            GcodeMotion::Note(note) => {
-                apply_note(&note, &mut self.settings)?;
+            GcodeMotion::Note { text, line, column } => {
+                apply_note(&text, &mut self.settings).map_err(|fault| GalvoError::Program {
+                    line,
+                    column: column + fault.offset,
+                    reason: fault.reason,
+                })?;
                 return Ok(Some(ProgramStep::Settings(self.settings)));
             }
-            GcodeMotion::Dwell { duration_us } => ProgramStep::Dwell { duration_us },
+            GcodeMotion::Dwell { duration_us, .. } => ProgramStep::Dwell { duration_us },
             GcodeMotion::Rapid { to_um } => {
                 self.at_um = to_um;
                 ProgramStep::Jump { to_um }
@@ -204,12 +241,14 @@ impl<R: BufRead> ProgramReader<R> {
 pub enum JobReader<R> {
     /// A cutter-location file.
     Apt(Box<AptReader<R>>),
-    /// A G-code program whose lit lines and arcs are the vectors.
+    /// A G-code program whose lit lines and arcs are the vectors, and whose lit dwells are pulses.
     Gcode(Box<GcodeMotionReader<R>>),
+    /// A table of passes or pulses.
+    Table(Box<VectorTableReader<R>>),
 }
 
 impl<R: BufRead> JobReader<R> {
-    /// A reader for the ending of a name: .apt, .cl, .cls or .cldata; .nc, .gcode, .ngc or .tap.
+    /// A reader for the ending of a name: .apt, .cl, .cls or .cldata; .nc, .gcode, .ngc or .tap; .csv.
     ///
     /// # Errors
     /// [`GalvoError::UnknownName`] lists the endings.
@@ -220,10 +259,11 @@ impl<R: BufRead> JobReader<R> {
             "nc" | "gcode" | "ngc" | "tap" => {
                 Ok(Self::Gcode(Box::new(GcodeMotionReader::new(reader))))
             }
+            "csv" => Ok(Self::Table(Box::new(VectorTableReader::new(reader)))),
             _ => Err(GalvoError::UnknownName {
                 name: "job",
                 value: name.chars().rev().take(40).collect::<Vec<_>>().iter().rev().collect(),
-                accepted: "files ending in .apt, .cl, .cls, .cldata, .nc, .gcode, .ngc, .tap",
+                accepted: "files ending in .apt, .cl, .cls, .cldata, .nc, .gcode, .ngc, .tap, .csv",
             }),
         }
     }
@@ -235,11 +275,13 @@ impl<R: BufRead> JobReader<R> {
     pub fn next_step(&mut self) -> Result<Option<VectorStep>, GalvoError> {
         let reader = match self {
             Self::Apt(reader) => return Ok(reader.next_step()?),
+            Self::Table(reader) => return Ok(reader.next_step()?),
             Self::Gcode(reader) => reader,
         };
         while let Some(motion) = reader.next_motion()? {
             let step = match motion {
-                GcodeMotion::Note(_) | GcodeMotion::Dwell { .. } => continue,
+                GcodeMotion::Note { .. } | GcodeMotion::Dwell { lit: false, .. } => continue,
+                GcodeMotion::Dwell { at_um, lit: true, .. } => VectorStep::Pulse { at_um },
                 GcodeMotion::Rapid { to_um }
                 | GcodeMotion::Line { to_um, lit: false, .. }
                 | GcodeMotion::Arc { to_um, lit: false, .. } => VectorStep::Jump { to_um },

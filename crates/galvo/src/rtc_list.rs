@@ -14,7 +14,7 @@
 use std::io::{BufRead, Write};
 
 use lasergym_geom::Point;
-use lasergym_toolpath::{MAX_LINE_BYTES, MAX_VECTOR_UM};
+use lasergym_toolpath::{LineSource, MAX_VECTOR_UM};
 
 use crate::program::{ProgramSettings, ProgramStep};
 use crate::{GalvoError, ScanHead};
@@ -94,9 +94,7 @@ impl<W: Write> RtcList<W> {
 /// Reads a list.
 #[derive(Debug)]
 pub(crate) struct RtcListReader<R> {
-    reader: R,
-    text: Vec<u8>,
-    line: usize,
+    source: LineSource<R>,
     settings: ProgramSettings,
     changed: bool,
     speed_m_s: Option<f64>,
@@ -106,9 +104,7 @@ pub(crate) struct RtcListReader<R> {
 impl<R: BufRead> RtcListReader<R> {
     pub(crate) fn new(reader: R, head: &ScanHead) -> Self {
         Self {
-            reader,
-            text: Vec::new(),
-            line: 0,
+            source: LineSource::new(reader),
             settings: ProgramSettings::of_head(head),
             changed: false,
             speed_m_s: None,
@@ -121,32 +117,21 @@ impl<R: BufRead> RtcListReader<R> {
             return Ok(Some(step));
         }
         loop {
-            self.text.clear();
-            self.line += 1;
-            let limit = MAX_LINE_BYTES as u64 + 1;
-            let read = std::io::Read::take(&mut self.reader, limit)
-                .read_until(b'\n', &mut self.text)
-                .map_err(|error| self.fault(1, &error.to_string()))?;
-            if read == 0 {
-                return Ok(None);
-            }
-            if read > MAX_LINE_BYTES {
-                return Err(self.fault(1, "the line is too long"));
-            }
-            let text = String::from_utf8_lossy(&self.text).into_owned();
-            let text = text.trim();
-            if self.line == 1 {
-                if text.trim_start_matches('\u{feff}') != RTC_LIST_HEADER {
+            let Some(content) = self.source.next_line()? else { return Ok(None) };
+            let content = content.into_owned();
+            let text = content.trim_end();
+            if self.source.line() == 1 {
+                if text != RTC_LIST_HEADER {
                     return Err(self.fault(1, &format!("the header is not {RTC_LIST_HEADER:?}")));
                 }
                 continue;
             }
-            if text.is_empty() || text.starts_with('#') {
+            if text.trim_start().is_empty() || text.starts_with('#') {
                 continue;
             }
             let Some(step) = self.command(text)? else { continue };
             if std::mem::take(&mut self.changed) {
-                self.settings.validate()?;
+                self.settings.validate().map_err(|error| self.fault(1, &error.to_string()))?;
                 self.ahead = Some(step);
                 return Ok(Some(ProgramStep::Settings(self.settings)));
             }
@@ -155,13 +140,14 @@ impl<R: BufRead> RtcListReader<R> {
     }
 
     fn fault(&self, column: usize, reason: &str) -> GalvoError {
-        GalvoError::Table { line: self.line, column, reason: reason.to_owned() }
+        GalvoError::Program { line: self.source.line(), column, reason: reason.to_owned() }
     }
 
     fn command(&mut self, text: &str) -> Result<Option<ProgramStep>, GalvoError> {
         let mut fields = text.split(',');
         let name = fields.next().unwrap_or("").trim();
-        let mut column = name.chars().count() + 2;
+        let column_of_first = text.split(',').next().unwrap_or("").chars().count() + 2;
+        let mut column = column_of_first;
         let mut values = [0.0; 3];
         let mut count = 0;
         for field in fields {
@@ -209,7 +195,8 @@ impl<R: BufRead> RtcListReader<R> {
             "set_jump_speed" => settings.jump_speed_m_s = first,
             "set_pulse_rate" => settings.pulse_rate_hz = first,
             "set_mark_speed" => {
-                crate::program::check_speed("set_mark_speed", first)?;
+                crate::program::check_speed("set_mark_speed", first)
+                    .map_err(|error| self.fault(column_of_first, &error.to_string()))?;
                 self.speed_m_s = Some(first);
                 return Ok(None);
             }

@@ -1,6 +1,5 @@
 //! Settings of a program as a note: `key=value` pairs, only those that change.
 
-use crate::GalvoError;
 use crate::program::ProgramSettings;
 
 type Slot = (&'static str, fn(&mut ProgramSettings) -> &mut f64);
@@ -45,21 +44,32 @@ pub(crate) fn settings_note(old: Option<&ProgramSettings>, new: &ProgramSettings
     note
 }
 
+/// What is wrong with a note.
+#[derive(Debug)]
+pub(crate) struct NoteFault {
+    /// Characters of the note before the place.
+    pub(crate) offset: usize,
+    /// What is wrong there.
+    pub(crate) reason: String,
+}
+
 /// Applies a note to settings.
-pub(crate) fn apply_note(note: &str, settings: &mut ProgramSettings) -> Result<(), GalvoError> {
-    for pair in note.split_whitespace() {
-        let shown = || pair.chars().take(40).collect::<String>();
-        let fault = |reason: &str| GalvoError::Settings {
-            what: "program",
-            reason: format!("the note {:?} {reason}", shown()),
+pub(crate) fn apply_note(note: &str, settings: &mut ProgramSettings) -> Result<(), NoteFault> {
+    let mut rest = note.trim_start();
+    while !rest.is_empty() {
+        let (pair, after) = rest.split_at(rest.find(char::is_whitespace).unwrap_or(rest.len()));
+        let fault = |reason: &str| NoteFault {
+            offset: note[..note.len() - rest.len()].chars().count(),
+            reason: format!("{:?} {reason}", pair.chars().take(40).collect::<String>()),
         };
         let (key, value) = pair.split_once('=').ok_or_else(|| fault("is no key=value"))?;
         let slot = SLOTS.iter().find(|(name, _)| *name == key);
         let (_, slot) = slot.ok_or_else(|| fault("has a key that is not known"))?;
-        let value: f64 = value.parse().map_err(|_| fault("has no number"))?;
-        *slot(settings) = value;
+        *slot(settings) = value.parse().map_err(|_| fault("has no number"))?;
+        settings.validate().map_err(|error| fault(&format!("is out of range: {error}")))?;
+        rest = after.trim_start();
     }
-    settings.validate()
+    Ok(())
 }
 
 #[cfg(test)]
@@ -81,14 +91,14 @@ mod tests {
     #[test]
     fn mistakes_are_named() {
         let mut settings = ProgramSettings::of_head(&ScanHead::default());
-        for (note, word) in [
-            ("x", "key=value"),
-            ("x=1", "known"),
-            ("mark_us=a", "number"),
-            ("mark_us=-1", "mark_us"),
+        for (note, offset, word) in [
+            ("x", 0, "key=value"),
+            (" x=1", 1, "known"),
+            ("mark_us=2 mark_us=a", 10, "number"),
+            ("mark_us=-1", 0, "mark_us is -1"),
         ] {
-            let message = apply_note(note, &mut settings).unwrap_err().to_string();
-            assert!(message.contains(word), "{message}");
+            let fault = apply_note(note, &mut settings).unwrap_err();
+            assert!(fault.offset == offset && fault.reason.contains(word), "{fault:?}");
         }
     }
 }

@@ -2,32 +2,29 @@
 
 use std::io::{BufRead, Write};
 
-use lasergym_geom::Point;
-
+use crate::any_program::AnyProgram;
 use crate::compensation::HeadKnowledge;
-use crate::controller::{Observer, ProgramRun};
+use crate::controller::ProgramRun;
 use crate::energy_map::EnergyMap;
 use crate::judge::{Judge, Report, StrokeMeasure};
 use crate::postprocessor::{PostOptions, Postprocessor};
 use crate::program::ProgramStep;
-use crate::program_file::{JobReader, ProgramFormat, ProgramReader, ProgramWriter};
+use crate::program_file::{JobReader, ProgramFormat, ProgramWriter};
+use crate::watched_head::Observer;
 use crate::{GalvoError, ScanHead};
 
-/// Runs the program in `reader` on `head` and judges it; each stroke is handed to `on_stroke`.
+/// Runs `program` on `head` and judges it; each stroke is handed to `on_stroke`.
 ///
 /// # Errors
 /// What the reader and the controller report.
 pub fn simulate<R: BufRead>(
     head: &ScanHead,
-    mut reader: ProgramReader<R>,
+    program: impl Into<AnyProgram<R>>,
     map: Option<EnergyMap>,
     on_stroke: impl FnMut(&StrokeMeasure),
 ) -> Result<(Report, Option<EnergyMap>), GalvoError> {
-    let mut run = ProgramRun::new(head, Judge::new(head.laser.spot_um, map, on_stroke));
-    while let Some(step) = reader.next_step()? {
-        run.step(&step)?;
-    }
-    let (judge, time, pulses) = run.finish()?;
+    let judge = Judge::new(head.laser.spot_um, map, on_stroke);
+    let (judge, time, pulses) = program.into().play(head, judge)?;
     Ok(judge.report(time, pulses))
 }
 
@@ -48,47 +45,17 @@ pub fn simulate_steps(
     Ok(judge.report(time, pulses).0)
 }
 
-/// The box around the marks of a program, low and high corner, µm; none when nothing is marked.
-///
-/// # Errors
-/// What the reader reports.
-pub fn marked_box<R: BufRead>(
-    mut reader: ProgramReader<R>,
-) -> Result<Option<(Point, Point)>, GalvoError> {
-    struct Corners {
-        low: Point,
-        high: Point,
-    }
-    let mut corners: Option<Corners> = None;
-    let mut at = Point::default();
-    while let Some(step) = reader.next_step()? {
-        match step {
-            ProgramStep::Jump { to_um } => at = to_um,
-            ProgramStep::Mark { to_um, .. } => {
-                for place in [at, to_um] {
-                    let seen = corners.get_or_insert(Corners { low: place, high: place });
-                    seen.low = Point::new(seen.low.x.min(place.x), seen.low.y.min(place.y));
-                    seen.high = Point::new(seen.high.x.max(place.x), seen.high.y.max(place.y));
-                }
-                at = to_um;
-            }
-            ProgramStep::Settings(_) | ProgramStep::Layer { .. } | ProgramStep::Dwell { .. } => {}
-        }
-    }
-    Ok(corners.map(|seen| (seen.low, seen.high)))
-}
-
 /// Turns the job in `reader` into a program; returns the writer and the number of vectors.
 ///
 /// # Errors
 /// What the reader, the postprocessor and the writer report.
-pub fn postprocess<R: BufRead, W: Write>(
+pub fn postprocess<'a, R: BufRead, W: Write>(
     head: &ScanHead,
     knowledge: &HeadKnowledge,
     options: &PostOptions,
     reader: &mut JobReader<R>,
-    mut writer: ProgramWriter<W>,
-) -> Result<(ProgramWriter<W>, u64), GalvoError> {
+    mut writer: ProgramWriter<'a, W>,
+) -> Result<(ProgramWriter<'a, W>, u64), GalvoError> {
     let mut post =
         Postprocessor::new(head, knowledge, *options, |step: &ProgramStep| writer.step(step))?;
     while let Some(step) = reader.next_step()? {
@@ -112,7 +79,7 @@ pub fn postprocess_text(
     power: f64,
 ) -> Result<(String, u64), GalvoError> {
     let mut reader = JobReader::of_name(job.0, job.1.as_bytes())?;
-    let writer = ProgramWriter::begin(Vec::new(), format, power)?;
+    let writer = ProgramWriter::begin(Vec::new(), format, power, head)?;
     let (writer, vectors) = postprocess(head, knowledge, options, &mut reader, writer)?;
     // Programs are ASCII.
     Ok((String::from_utf8_lossy(&writer.finish()?).into_owned(), vectors))

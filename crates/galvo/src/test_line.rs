@@ -5,11 +5,12 @@ use std::fmt::Write as _;
 use lasergym_geom::Point;
 
 use crate::calibration::{Axis, TestLine};
-use crate::controller::{Observer, ProgramRun};
+use crate::controller::ProgramRun;
 use crate::delays::Delays;
 use crate::laser::{Laser, PulseTrain};
 use crate::player::PulseLanding;
 use crate::program::{ProgramSettings, ProgramStep};
+use crate::watched_head::Observer;
 use crate::{Controller, GalvoError, ScanHead};
 
 /// When the acceleration length ends.

@@ -6,7 +6,7 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use lasergym_galvo::{
-    HeadKnowledge, LaserControl, PostOptions, ProgramFormat, ProgramReader, ScanHead,
+    AnyProgram, HeadKnowledge, LaserControl, PostOptions, ProgramFormat, ScanHead,
     postprocess_text, simulate,
 };
 
@@ -41,17 +41,35 @@ fn programs() -> Result<(), Box<dyn Error>> {
         let golden = golden(name, Some(&written))?;
         assert_eq!(written, golden, "{name}");
         assert!(vectors > 8);
-        let reader = if dialect == "rtc" {
-            ProgramReader::rtc_list(golden.as_bytes(), &head)
-        } else {
-            ProgramReader::gcode(golden.as_bytes(), &head)
-        };
         // The arc is rounded off by the lag; straight strokes longer than the beam are right.
         let mut right = 0;
-        simulate(&head, reader, None, |stroke| {
+        let program = AnyProgram::of_name(name, golden.as_bytes(), &head)?;
+        simulate(&head, program, None, |stroke| {
             right += u32::from(stroke.length_error_um.abs() < 2.0);
         })?;
         assert!(right >= 6, "{name}: {right}");
     }
+    Ok(())
+}
+
+#[test]
+fn micro_vectors() -> Result<(), Box<dyn Error>> {
+    let head = ScanHead::default();
+    let knowledge = HeadKnowledge::of_head(&head);
+    let job = golden("line.apt", None)?;
+    let options = PostOptions { pitch_um: Some(20.0), ..PostOptions::default() };
+    let format = ProgramFormat::of_name("rtc-micro-vectors")?;
+    let (written, _) =
+        postprocess_text(&head, &knowledge, &options, ("line.apt", &job), format, 255.0)?;
+    let golden = golden("line-micro-vectors.csv", Some(&written))?;
+    assert_eq!(written, golden);
+    let program = AnyProgram::of_name("line-micro-vectors.csv", golden.as_bytes(), &head)?;
+    let mut pulses = Vec::new();
+    simulate(&head, program, None, |stroke| {
+        assert!(stroke.length_error_um.abs() < 2.0, "{stroke:?}");
+        pulses.push(stroke.pulses);
+    })?;
+    // 160 µm between the centres of the outer craters, every 20 µm; and one crater.
+    assert_eq!(pulses, [9, 1]);
     Ok(())
 }

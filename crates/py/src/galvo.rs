@@ -4,11 +4,11 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter};
 
 use lasergym_galvo::{
-    AccelerationEnd, CORRECTION_VALUES, Calibration, Compensation, Correction, EnergyMap,
-    GalvoError, HeadCalibration, HeadKnowledge, JobReader, LINE_ACTION, LINE_OBSERVATION,
-    LaserControl, LineKind, LineOptions, LineOutcome, LineScales, LineSet, LineTask, Method,
-    ModelFamily, PostOptions, ProgramFormat, ProgramReader, ProgramWriter, PulseGrid, Regression,
-    Report, ScanHead, StraightStroke, identify, identify_best, marked_box, measure_line,
+    AccelerationEnd, AnyProgram, CORRECTION_VALUES, Calibration, Compensation, Correction,
+    EnergyMap, GalvoError, HeadCalibration, HeadKnowledge, JobReader, LINE_ACTION,
+    LINE_OBSERVATION, LaserControl, LineKind, LineOptions, LineOutcome, LineScales, LineSet,
+    LineTask, Method, ModelFamily, PostOptions, ProgramFormat, ProgramWriter, PulseGrid,
+    Regression, Report, ScanHead, StraightStroke, identify, identify_best, measure_line,
     postprocess, read_test_lines, read_trajectory, simulate, test_pattern,
 };
 use lasergym_geom::Point;
@@ -49,6 +49,9 @@ pub(crate) struct PostSettings {
     jump_delay_us: Option<f64>,
     mark_delay_us: Option<f64>,
     fixed: Option<(f64, f64, f64, f64)>,
+    origin_um: (f64, f64),
+    /// Of micro-vectors.
+    step_us: u32,
 }
 
 impl PostSettings {
@@ -80,6 +83,7 @@ impl PostSettings {
                 off_us,
                 ..Compensation::default()
             }),
+            origin_um: Point::new(self.origin_um.0, self.origin_um.1),
         })
     }
 }
@@ -123,13 +127,14 @@ pub(crate) fn galvo_postprocess(
 ) -> PyResult<u64> {
     let options = settings.options()?;
     let head = ScanHead::from_toml(head).map_err(galvo_error)?;
-    let format = ProgramFormat::of_name(dialect).map_err(galvo_error)?;
+    let format =
+        ProgramFormat::of_name(dialect).map_err(galvo_error)?.with_step_us(settings.step_us);
     let input = BufReader::with_capacity(1 << 16, File::open(job)?);
     let mut reader = JobReader::of_name(job, input).map_err(galvo_error)?;
     let knowledge = HeadKnowledge::of_head(&head);
     let output = BufWriter::new(File::create(program)?);
     py.detach(|| {
-        let writer = ProgramWriter::begin(output, format, power)?;
+        let writer = ProgramWriter::begin(output, format, power, &head)?;
         let (writer, vectors) = postprocess(&head, &knowledge, &options, &mut reader, writer)?;
         writer.finish()?;
         Ok(vectors)
@@ -137,13 +142,9 @@ pub(crate) fn galvo_postprocess(
     .map_err(galvo_error)
 }
 
-fn reader_of(path: &str, head: &ScanHead) -> PyResult<ProgramReader<BufReader<File>>> {
+fn program_of(path: &str, head: &ScanHead) -> PyResult<AnyProgram<BufReader<File>>> {
     let file = BufReader::with_capacity(1 << 16, File::open(path)?);
-    Ok(if path.to_ascii_lowercase().ends_with(".csv") {
-        ProgramReader::rtc_list(file, head)
-    } else {
-        ProgramReader::gcode(file, head)
-    })
+    AnyProgram::of_name(path, file, head).map_err(galvo_error)
 }
 
 /// Runs a program file on a head and judges it; with `map_px` also maps the energy on that many cells
@@ -156,12 +157,12 @@ pub(crate) fn galvo_simulate<'py>(
     map_px: Option<u32>,
 ) -> PyResult<Judgement<'py>> {
     let head = ScanHead::from_toml(head).map_err(galvo_error)?;
-    let reader = reader_of(program, &head)?;
+    let played = program_of(program, &head)?;
     let mut area = None;
     let mut map = None;
     if let Some(cells) = map_px {
-        let measured = reader_of(program, &head)?;
-        area = py.detach(|| marked_box(measured)).map_err(galvo_error)?;
+        let measured = program_of(program, &head)?;
+        area = py.detach(|| measured.marked_box()).map_err(galvo_error)?;
         if let Some((low, high)) = area {
             let spot_um = head.laser.spot_um;
             let margin = Point::new(spot_um + 1.0, spot_um + 1.0);
@@ -174,7 +175,7 @@ pub(crate) fn galvo_simulate<'py>(
     let mut strokes = Vec::new();
     let (report, map) = py
         .detach(|| {
-            simulate(&head, reader, map, |stroke| {
+            simulate(&head, played, map, |stroke| {
                 strokes.extend([
                     stroke.stroke as f64,
                     stroke.pulses as f64,
@@ -506,7 +507,7 @@ fn rows(py: Python<'_>, columns: usize, values: Vec<f32>) -> PyResult<Bound<'_, 
 pub(crate) fn galvo_error(error: GalvoError) -> PyErr {
     let class = match &error {
         GalvoError::InvalidOption { .. } | GalvoError::UnknownName { .. } => "OptionError",
-        GalvoError::Toolpath(_) => "ProgramError",
+        GalvoError::Toolpath(_) | GalvoError::Program { .. } => "ProgramError",
         _ => "GalvoError",
     };
     exception(class, error.to_string())

@@ -167,9 +167,10 @@ fn robot_move(line: &str) -> Result<RobotMove, String> {
             fields[column].parse().map_err(|_| format!("{:?} is no number", fields[column]))?;
         if value.abs() <= 1e9 { Ok(value) } else { Err(format!("{value} is out of range")) }
     };
+    // Less than a program can say would be written as 0.
     let positive = |column: usize| match number(column)? {
-        value if value > 0.0 => Ok(value),
-        value => Err(format!("{value} must be above 0")),
+        value if value >= 1e-6 => Ok(value),
+        value => Err(format!("{value} must be 0.000001 or above")),
     };
     let pose = || -> Result<Pose, String> {
         Ok(Pose {

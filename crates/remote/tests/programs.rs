@@ -240,7 +240,8 @@ fn malformed_programs_are_refused_by_line() {
         ("WAIT,", "WAIT,,", "columns"),
         ("0.500000", "half", "no number"),
         ("0.500000", "nan", "out of range"),
-        ("1000.000000,2000", "-1000.000000,2000", "above 0"),
+        ("1000.000000,2000", "-1000.000000,2000", "0.000001 or above"),
+        ("1000.000000,2000", "0.0000002,2000", "0.000001 or above"),
     ] {
         let changed = robot.replacen(from, to, 1);
         assert_ne!(changed, robot, "{from}");

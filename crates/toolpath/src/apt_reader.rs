@@ -123,7 +123,7 @@ impl<R: BufRead> AptReader<R> {
         }
         loop {
             self.joined.clear();
-            let first_line = self.source.line + 1;
+            let first_line = self.source.line() + 1;
             let mut last_line_start = 0;
             loop {
                 let Some(content) = self.source.next_line()? else {
@@ -138,7 +138,7 @@ impl<R: BufRead> AptReader<R> {
                 if let Some(part) = trimmed.strip_suffix('$') {
                     self.joined.push_str(part);
                     if self.joined.len() > MAX_LINE_BYTES {
-                        return Err(ToolpathError::LineTooLong { line: self.source.line });
+                        return Err(ToolpathError::LineTooLong { line: self.source.line() });
                     }
                 } else {
                     self.joined.push_str(trimmed);
@@ -148,7 +148,7 @@ impl<R: BufRead> AptReader<R> {
             // Columns are counted in the line where a statement begins, or in its last.
             let statement = std::mem::take(&mut self.joined);
             let lines =
-                Lines { first: first_line, last: self.source.line, last_start: last_line_start };
+                Lines { first: first_line, last: self.source.line(), last_start: last_line_start };
             let step = self.statement(&statement, lines);
             self.joined = statement;
             if let Some(step) = step? {

@@ -208,14 +208,14 @@ pub enum ToolpathError {
     },
 
     /// A line of a file that is read as a stream is too long.
-    #[error("line {line}: longer than {} bytes: break it", crate::MAX_LINE_BYTES)]
+    #[error("line {line}, column 1: longer than {} bytes: break it", crate::MAX_LINE_BYTES)]
     LineTooLong {
         /// Number of the line.
         line: usize,
     },
 
     /// A file that is read as a stream cannot be read on.
-    #[error("line {line}: the file cannot be read: {reason}")]
+    #[error("line {line}, column 1: the file cannot be read: {reason}")]
     Unreadable {
         /// Number of the line.
         line: usize,
@@ -257,6 +257,19 @@ pub enum ToolpathError {
         /// Number of the character in the line.
         column: usize,
         /// The word or text there, shortened.
+        found: String,
+        /// What is accepted.
+        expected: &'static str,
+    },
+
+    /// A table that is read as vectors has something else than is due.
+    #[error("line {line}, column {column}: {found:?} where {expected} is due")]
+    TableField {
+        /// Number of the line.
+        line: usize,
+        /// Number of the character in the line.
+        column: usize,
+        /// The field, shortened.
         found: String,
         /// What is accepted.
         expected: &'static str,

@@ -56,9 +56,20 @@ pub enum GcodeMotion {
     Dwell {
         /// How long, µs.
         duration_us: f64,
+        /// Where, µm.
+        at_um: Point,
+        /// Whether the laser is on.
+        lit: bool,
     },
-    /// A comment for lasergym, without [`NOTE_PREFIX`].
-    Note(String),
+    /// A comment for lasergym.
+    Note {
+        /// The comment without [`NOTE_PREFIX`].
+        text: String,
+        /// Number of its line.
+        line: usize,
+        /// Number of the character in the line at which it begins.
+        column: usize,
+    },
 }
 
 /// Reads moves out of a program; the memory does not grow with the program.
@@ -123,12 +134,13 @@ impl<R: BufRead> GcodeMotionReader<R> {
     /// [`ToolpathError::LineTooLong`] and [`ToolpathError::Unreadable`] guard the file.
     pub fn next_motion(&mut self) -> Result<Option<GcodeMotion>, ToolpathError> {
         while let Some(content) = self.source.next_line()? {
-            let content = content.trim();
-            if content == "%" || content.is_empty() {
+            let content = content.trim_end();
+            if let "" | "%" = content.trim_start() {
                 continue;
             }
-            if let Some(note) = note_of(content) {
-                return Ok(Some(GcodeMotion::Note(note.to_owned())));
+            if let Some((before, note)) = note_of(content) {
+                let (text, column) = (note.to_owned(), before.chars().count() + 1);
+                return Ok(Some(GcodeMotion::Note { text, line: self.source.line(), column }));
             }
             let content = content.to_owned();
             if let Some(motion) = self.execute(&content)? {
@@ -139,7 +151,7 @@ impl<R: BufRead> GcodeMotionReader<R> {
     }
 
     fn execute(&mut self, content: &str) -> Result<Option<GcodeMotion>, ToolpathError> {
-        let number = self.source.line;
+        let number = self.source.line();
         let fault = |rest: &str, expected: &'static str| {
             let before = content.get(..content.len() - rest.len()).unwrap_or("");
             ToolpathError::GcodeVector {
@@ -155,7 +167,7 @@ impl<R: BufRead> GcodeMotionReader<R> {
         loop {
             let next = next_word(rest, number).map_err(|error| match error {
                 ToolpathError::GcodeOpenComment { .. } => {
-                    fault(rest, "close the comment in its line")
+                    fault(rest.trim_start(), "close the comment in its line")
                 }
                 _ => fault(rest.trim_start(), "a word is a letter and a number, such as X1.5"),
             })?;
@@ -165,9 +177,10 @@ impl<R: BufRead> GcodeMotionReader<R> {
             rest = after;
         }
         if any && self.ended {
-            return Err(fault(content, "the program has ended (M2 or M30) and yet goes on"));
+            let reason = "the program has ended (M2 or M30) and yet goes on";
+            return Err(fault(content.trim_start(), reason));
         }
-        self.act(&line).map_err(|expected| fault(content, expected))
+        self.act(&line).map_err(|expected| fault(content.trim_start(), expected))
     }
 
     /// Carries a line out in the order of the machine: S, M3 to M5, dwell, units, distance, motion.
@@ -187,7 +200,8 @@ impl<R: BufRead> GcodeMotionReader<R> {
         self.motion = line.motion.unwrap_or(self.motion);
         if line.dwell {
             let seconds = line.p.ok_or("G4 needs its P, in seconds")?;
-            return Ok(Some(GcodeMotion::Dwell { duration_us: seconds * 1e6 }));
+            let (at_um, lit) = (self.at_um, self.is_lit());
+            return Ok(Some(GcodeMotion::Dwell { duration_us: seconds * 1e6, at_um, lit }));
         }
         let is_arc = self.motion >= 2;
         let turns = is_arc && (line.i.is_some() || line.j.is_some());
@@ -204,7 +218,7 @@ impl<R: BufRead> GcodeMotionReader<R> {
         if !(to_um.x.abs() <= MAX_VECTOR_UM && to_um.y.abs() <= MAX_VECTOR_UM) {
             return Err("coordinates must be within ±10 m");
         }
-        let lit = self.enabled && self.power > 0.0;
+        let lit = self.is_lit();
         let speed_m_s = self.speed_m_s;
         let center_um = if is_arc { Some(self.center(line, from, to_um)?) } else { None };
         self.at_um = to_um;
@@ -216,6 +230,10 @@ impl<R: BufRead> GcodeMotionReader<R> {
             }
             _ => GcodeMotion::Line { to_um, speed_m_s, lit },
         }))
+    }
+
+    fn is_lit(&self) -> bool {
+        self.enabled && self.power > 0.0
     }
 
     fn center(&self, line: &Line, from: Point, to: Point) -> Result<Point, &'static str> {
@@ -289,13 +307,19 @@ impl Line {
     }
 }
 
-/// The note in a line that is one comment for lasergym.
-fn note_of(content: &str) -> Option<&str> {
-    let comment = match content.strip_prefix(';') {
+/// The note in a line that is one comment for lasergym, and what is before it.
+fn note_of(content: &str) -> Option<(&str, &str)> {
+    let comment = content.trim_start();
+    let comment = match comment.strip_prefix(';') {
         Some(rest) => rest,
-        None => content.strip_prefix('(')?.strip_suffix(')')?,
+        None => comment.strip_prefix('(')?,
     };
-    comment.trim_start().strip_prefix(NOTE_PREFIX)
+    let note = comment.trim_start().strip_prefix(NOTE_PREFIX)?;
+    let before = &content[..content.len() - note.len()];
+    if before.trim_start().starts_with('(') {
+        return Some((before, note.strip_suffix(')')?));
+    }
+    Some((before, note))
 }
 
 #[cfg(test)]
@@ -319,7 +343,8 @@ mod tests {
     fn grbl_programs_are_read() {
         let text = "(lasergym a=1 b=2)\nG21 G90\nM4 S0\nG0 X1 Y1\nG1 X2 F60000 S500 ; lit\nY2\nX3 S0\nM5\n";
         let motions = read(text).unwrap();
-        assert_eq!(motions[0], GcodeMotion::Note("a=1 b=2".to_owned()));
+        let note = GcodeMotion::Note { text: "a=1 b=2".to_owned(), line: 1, column: 11 };
+        assert_eq!(motions[0], note);
         assert_eq!(motions[1], GcodeMotion::Rapid { to_um: Point::new(1e3, 1e3) });
         let expected =
             [line(2e3, 1e3, 1.0, true), line(2e3, 2e3, 1.0, true), line(3e3, 2e3, 1.0, false)];
@@ -338,7 +363,8 @@ mod tests {
             })
             .collect();
         assert_eq!(lit, [true, false, true]);
-        assert_eq!(motions[3], GcodeMotion::Dwell { duration_us: 1000.0 });
+        let at_um = Point::new(3e3, 0.0);
+        assert_eq!(motions[3], GcodeMotion::Dwell { duration_us: 1000.0, at_um, lit: true });
     }
 
     #[test]
@@ -368,7 +394,9 @@ mod tests {
             ("G90\nX1 G77", 2, 4, "supported"),
             ("X1 X2", 1, 4, "repeats"),
             ("G1 X", 1, 4, "letter"),
-            ("G1 (open", 1, 3, "comment"),
+            ("G1 (open", 1, 4, "comment"),
+            ("  G1 X1 X2", 1, 9, "repeats"),
+            (" G4", 1, 2, "P"),
             ("G2 X1", 1, 1, "I and J"),
             ("G2 X1 R0.1", 1, 1, "radius"),
             ("G0X1\nG2 X0 I-9", 2, 1, "equally"),

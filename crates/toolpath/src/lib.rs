@@ -25,6 +25,7 @@ mod pulse_path;
 mod shortest_order;
 mod stage_dynamics;
 mod vector_step;
+mod vector_table;
 mod workpiece_frame;
 
 pub use apt_reader::AptReader;
@@ -38,12 +39,13 @@ pub use gcode_dialect::{GcodeDialect, VectorGcode};
 pub use gcode_motion::{GcodeMotion, GcodeMotionReader, NOTE_PREFIX};
 pub use gcode_reader::read_gcode;
 pub use gcode_writer::{GcodeOptions, TravelMove, write_gcode};
-pub use line_source::MAX_LINE_BYTES;
+pub use line_source::{LineSource, MAX_LINE_BYTES};
 pub use overlay::{OverlayOptions, Pulse, Trajectory, trajectory_svg};
 pub use pulse_path::{MAX_POSITION_PX, MAX_PULSE_RADIUS_PX, MAX_PULSES, PulsePath};
 pub use shortest_order::{shortest_order, tour_length};
 pub use stage_dynamics::{StageDynamics, Travel, travel};
 pub use vector_step::{MAX_VECTOR_UM, VectorStep, arc_chords};
+pub use vector_table::VectorTableReader;
 pub use workpiece_frame::{WorkpieceFrame, YAxis};
 
 /// Longest text the readers accept, bytes: room for [`MAX_PULSES`] pulses of any writer.

@@ -7,22 +7,32 @@ use crate::ToolpathError;
 /// Longest line that is read, bytes.
 pub const MAX_LINE_BYTES: usize = 65_536;
 
-/// Reads lines into one buffer.
+/// Reads lines into one buffer; a byte-order mark is left out.
 #[derive(Debug)]
-pub(crate) struct LineSource<R> {
+pub struct LineSource<R> {
     reader: R,
     buffer: Vec<u8>,
-    /// Number of the line that was read last.
-    pub(crate) line: usize,
+    line: usize,
 }
 
 impl<R: BufRead> LineSource<R> {
-    pub(crate) fn new(reader: R) -> Self {
+    /// A source at the start of a file.
+    pub fn new(reader: R) -> Self {
         Self { reader, buffer: Vec::new(), line: 0 }
     }
 
+    /// Number of the line that was read last; 0 before the first.
+    #[must_use]
+    pub fn line(&self) -> usize {
+        self.line
+    }
+
     /// The next line without its end; none at the end of the file. Bytes that are no UTF-8 become �.
-    pub(crate) fn next_line(&mut self) -> Result<Option<std::borrow::Cow<'_, str>>, ToolpathError> {
+    ///
+    /// # Errors
+    /// [`ToolpathError::LineTooLong`] above [`MAX_LINE_BYTES`], [`ToolpathError::Unreadable`] when the
+    /// reader fails.
+    pub fn next_line(&mut self) -> Result<Option<std::borrow::Cow<'_, str>>, ToolpathError> {
         self.buffer.clear();
         self.line += 1;
         let line = self.line;

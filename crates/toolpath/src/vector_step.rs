@@ -31,6 +31,11 @@ pub enum VectorStep {
         /// Speed, m/s, above 0; none where the job gives none.
         speed_m_s: Option<f64>,
     },
+    /// One pulse at a place.
+    Pulse {
+        /// The place.
+        at_um: Point,
+    },
     /// To another height; the head stands still.
     Layer {
         /// The height, µm.

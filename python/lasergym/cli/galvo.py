@@ -195,7 +195,11 @@ def tune(
 @galvo.command("post", hidden=True)
 def postprocess(
     job: Annotated[
-        Path, typer.Argument(metavar="JOB", help="A .apt, .cl, .cls, .nc, .gcode or .ngc file.")
+        Path,
+        typer.Argument(
+            metavar="JOB",
+            help="A .apt, .cl, .cls, .nc, .gcode or .ngc file, or a .csv of passes or pulses.",
+        ),
     ],
     output: Annotated[Path, option("-o", "--output", help="The program to write.")],
     head: HeadOption = "bessel",
@@ -208,8 +212,17 @@ def postprocess(
     ] = None,
     dialect: Annotated[
         str | None,
-        option("--dialect", help="grbl, linuxcnc, mach4 or rtc; default by the ending."),
+        option(
+            "--dialect",
+            help="grbl, linuxcnc, mach4, rtc or rtc-micro-vectors; default by the ending.",
+        ),
     ] = None,
+    step_us: Annotated[
+        int, option("--step-us", help="Time between micro-vectors, a multiple of 10 µs.")
+    ] = 10,
+    origin_um: Annotated[
+        str, option("--origin-um", help="Where the job's origin lies in the field, x,y in µm.")
+    ] = "0,0",
     method: Annotated[
         str, option("--method", help="adaptive, delays (no offsets) or none.")
     ] = "adaptive",
@@ -255,6 +268,8 @@ def postprocess(
         jump_delay_us=jump_delay_us,
         mark_delay_us=mark_delay_us,
         power=power,
+        step_us=step_us,
+        origin_um=_place(origin_um),
     )
     report = {
         "job": str(job),
@@ -274,7 +289,8 @@ def postprocess(
 @galvo.command("simulate")
 def simulate(
     program: Annotated[
-        Path, typer.Argument(metavar="PROGRAM", help="G-code, ours or foreign, or an RTC .csv.")
+        Path,
+        typer.Argument(metavar="PROGRAM", help="G-code, ours or foreign, or an RTC list, .csv."),
     ],
     head: HeadOption = "bessel",
     output: Annotated[
@@ -306,6 +322,22 @@ def simulate(
     for name, value in judged.figures.items():
         made.add_row(name, "–" if value is None else f"{value:.6g}")
     print_data(made)
+
+
+def _numbers(name: str, text: str) -> list[float]:
+    """The numbers of an option that has several."""
+    try:
+        return [float(number) for number in text.split(",")]
+    except ValueError as error:
+        raise OptionError(f"{name} is {text!r}, but must be numbers with commas") from error
+
+
+def _place(text: str) -> tuple[float, float]:
+    """The place that an option names."""
+    numbers = _numbers("origin_um", text)
+    if len(numbers) != 2:
+        raise OptionError(f"origin_um is {text!r}, but must be x,y")
+    return numbers[0], numbers[1]
 
 
 def _write(output: Path | None, text: str) -> None:

@@ -1,7 +1,8 @@
-//! Any bytes as G-code moves, or as a list of RTC commands, give steps or an error.
+//! Any bytes as G-code moves, as a list of RTC commands or as one of micro-vectors give steps or an
+//! error.
 #![no_main]
 
-use lasergym_galvo::{ProgramReader, ScanHead};
+use lasergym_galvo::{MicroVectorReader, ProgramReader, ScanHead};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let head = ScanHead::default();
@@ -9,4 +10,6 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     while let Ok(Some(_)) = program.next_step() {}
     let mut list = ProgramReader::rtc_list(bytes, &head);
     while let Ok(Some(_)) = list.next_step() {}
+    let mut list = MicroVectorReader::new(bytes, &head);
+    while let Ok(Some(_)) = list.next_command() {}
 });
