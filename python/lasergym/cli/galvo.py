@@ -379,10 +379,3 @@ def _without(section: str, text: str) -> str:
         if keeps:
             kept.append(line)
     return "".join(kept).rstrip("\n") + "\n"
-
-
-def _numbers(name: str, text: str) -> list[float]:
-    try:
-        return [float(value) for value in text.split(",")]
-    except ValueError as error:
-        raise OptionError(f"{name} is {text!r}, but must be numbers with commas") from error
