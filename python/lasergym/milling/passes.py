@@ -1,8 +1,4 @@
-"""Depth milling with a laser or a waterjet: given a surface, find the passes of the beam.
-
-Source: Bilbao-Guillerna, Axinte, Billingham and Cadot, "Waterjet and laser etching: the nonlinear
-inverse problem", Royal Society Open Science 4 (2017).
-"""
+"""Passes of a beam that mill a depth map: found, simulated, and corrected layer by layer."""
 
 from __future__ import annotations
 
@@ -10,48 +6,28 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lasergym import _native
-from lasergym.errors import DepthMapError, OptionError
-from lasergym.options import LARGEST_SEED, integer_in
+from lasergym.milling.processes import profile_text
+from lasergym.milling.surfaces import Surface, depth_array, measured_depths
+from lasergym.options import integer_in
 
 __all__ = [
-    "PROCESSES",
-    "SPOT_PLANNERS",
-    "Calibration",
     "ClosedLoop",
-    "FittedParameter",
     "MillingResult",
     "Passes",
     "Plant",
     "ProgressCallback",
     "Simulation",
-    "SpotPlan",
-    "SpotPlannerName",
-    "calibrate",
     "closed_loop",
-    "depths",
-    "full_scale_um",
-    "load_heights",
-    "plan_spots",
-    "random_relief",
     "simulate",
     "solve",
 ]
 
-_SHIPPED: dict[str, str] = dict(_native.shipped_profiles())
-
-PROCESSES: tuple[str, ...] = tuple(_SHIPPED)
-"""Names of the shipped process profiles."""
-
-Surface: TypeAlias = NDArray[np.float64]
-
-HeightScale: TypeAlias = Literal["depths", "high-stays", "high-sinks"]
-"""What the values of a height map mean; see :func:`depths`."""
 
 ProgressCallback: TypeAlias = Callable[[float, float], "bool | None"]
 """Called with (fraction done in [0, 1], tracking error in %); returning True stops the solver."""
@@ -252,85 +228,6 @@ class ClosedLoop:
         return self.surfaces_um[-1]
 
 
-SpotPlannerName: TypeAlias = Literal["pixel-by-pixel", "adjoint"]
-"""Planners of the milling environment."""
-
-SPOT_PLANNERS: tuple[SpotPlannerName, ...] = get_args(SpotPlannerName)
-"""All of them, the fastest first."""
-
-
-@dataclass(frozen=True, eq=False)
-class SpotPlan:
-    """Spots in the order in which they are milled, and what they achieve.
-
-    Attributes:
-        planner: Name of the planner.
-        actions: The spots as actions of the environment, float32 of shape (spots, 3).
-        side_um: Side of the workpiece, µm.
-        longest_dwell_s: Dwell of an action of 1, s.
-        reward: Sum of the rewards: 1 − the tracking error.
-        tracking_error_percent: Tracking error after them, %.
-        machined_fraction: Volume removed above the target over the volume of the target.
-        off_target_fraction: Volume removed below the target over the volume of the target.
-        elapsed_s: Time that planning took, s.
-        partial: Whether the planner was stopped before it had finished.
-    """
-
-    planner: str
-    actions: NDArray[np.float32]
-    side_um: float
-    longest_dwell_s: float
-    reward: float
-    tracking_error_percent: float
-    machined_fraction: float
-    off_target_fraction: float
-    elapsed_s: float
-    partial: bool
-
-    @property
-    def spots(self) -> int:
-        """Number of spots."""
-        return len(self.actions)
-
-    @property
-    def xy_um(self) -> NDArray[np.float64]:
-        """Places of the spots, µm; shape (spots, 2)."""
-        return 0.5 * (1 + self.actions[:, :2].astype(np.float64)) * self.side_um
-
-    @property
-    def dwell_s(self) -> NDArray[np.float64]:
-        """Dwell of each spot, s; shape (spots,)."""
-        return 0.5 * (1 + self.actions[:, 2].astype(np.float64)) * self.longest_dwell_s
-
-
-@dataclass(frozen=True)
-class FittedParameter:
-    """A parameter and how well trenches determine it.
-
-    Attributes:
-        name: Its name, unit included, as in profiles.
-        value: The value that fits best.
-        confidence_95: Half-width of its 95 % confidence interval.
-    """
-
-    name: str
-    value: float
-    confidence_95: float
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """A process fitted to trenches.
-
-    Attributes:
-        parameters: The fitted parameters.
-        rms_um: Root mean square distance between measured and modelled depths, µm.
-    """
-
-    parameters: tuple[FittedParameter, ...]
-    rms_um: float
-
-
 def solve(
     target_um: ArrayLike,
     *,
@@ -469,152 +366,17 @@ def closed_loop(
     Raises:
         DepthMapError, EmptyTargetError, OptionError, MillingError: As for :func:`solve`.
     """
-    target = _depth_array(target_um)
-    surface = np.zeros_like(target) if measured_um is None else _depth_array(measured_um)
+    target = depth_array(target_um)
+    surface = np.zeros_like(target) if measured_um is None else depth_array(measured_um)
     plans, surfaces = [], []
     for left in range(integer_in("layers", layers, 1, 100), 0, -1):
         plan = solve(target, layers=left, measured_um=surface, **settings)
-        surface = _depth_array(plant(plan.layer(0), surface))
+        surface = depth_array(plant(plan.layer(0), surface))
         plans.append(plan)
         surfaces.append(surface)
         if plan.partial:
             break
     return ClosedLoop(tuple(plans), tuple(surfaces))
-
-
-def plan_spots(
-    target_um: ArrayLike,
-    planner: SpotPlannerName = "adjoint",
-    *,
-    progress: Callable[[float], bool | None] | None = None,
-    **settings: Any,
-) -> SpotPlan:
-    """Plans all spots of an episode of ``lasergym/Milling-v0``.
-
-    Args:
-        target_um: Depth of each pixel, µm; shape (100, 100).
-        planner: ``"pixel-by-pixel"`` (spots on a raster, each with the dwell of the depth there) or
-            ``"adjoint"`` (dwell and y of the same spots optimised together).
-        progress: Called with the fraction done; returning True stops the planner.
-        settings: Arguments of the environment.
-
-    Returns:
-        The spots, and what the environment says of them.
-
-    Raises:
-        DepthMapError, EmptyTargetError, OptionError: The target or an argument cannot be used.
-    """
-    from lasergym.envs.milling_settings import MillingSettings
-
-    started_s = time.perf_counter()
-    native = _native.MillingEnvironment(MillingSettings(target=target_um, **settings).as_native())
-    native.reset(0)
-    actions, figures, episode_return, partial = native.plan(planner, progress)
-    return SpotPlan(
-        planner=planner,
-        actions=actions,
-        side_um=native.scales()[0],
-        longest_dwell_s=native.scales()[2],
-        reward=episode_return,
-        tracking_error_percent=figures[0],
-        machined_fraction=figures[1],
-        off_target_fraction=figures[2],
-        elapsed_s=time.perf_counter() - started_s,
-        partial=partial,
-    )
-
-
-def full_scale_um(process: str | Path = "laser-graphite") -> float:
-    """Depth of the deepest place of the milling environment's random reliefs, µm."""
-    from lasergym.envs.milling_settings import MillingSettings
-
-    return _native.MillingEnvironment(MillingSettings(process=process).as_native()).scales()[1]
-
-
-def random_relief(seed: int = 0, *, depth_um: float = 22.5) -> Surface:
-    """A smooth random target of the milling environment, depths from 0 to ``depth_um``.
-
-    Args:
-        seed: Names the relief, from 0 to 2⁶⁴ − 1. Seeds from 2 000 000 000 up are kept for
-            evaluation.
-        depth_um: Depth of the deepest place, µm, above 0 and at most 1e6.
-
-    Returns:
-        float64 of shape (100, 100), µm.
-
-    Raises:
-        OptionError: An argument is outside its range.
-    """
-    if not 0 < depth_um <= 1e6:
-        raise OptionError(f"depth_um is {depth_um}, but must be above 0 and at most 1e6 µm")
-    return _native.random_relief(integer_in("seed", seed, 0, LARGEST_SEED), float(depth_um))
-
-
-def calibrate(trenches: str | Path, process: str | Path = "laser-graphite") -> Calibration:
-    """Fits footprint and law of a process to measured trenches of straight passes.
-
-    Args:
-        trenches: Name of a CSV file with the columns ``speed_mm_s,y_um,depth_um``; lines of equal
-            speed that follow one another are one trench. Two speeds or more.
-        process: The profile to start from.
-
-    Raises:
-        MillingError: The file cannot be read, or does not determine the parameters.
-    """
-    text = Path(trenches).read_text(encoding="utf-8", errors="replace")
-    parameters, rms_um = _native.calibrate_trenches(text, profile_text(process))
-    return Calibration(tuple(FittedParameter(*parameter) for parameter in parameters), rms_um)
-
-
-def load_heights(path: str | Path, *, pixel_um: float = 1.0) -> Surface:
-    """Reads the heights in an NPY, ASC (DEM), PNG, TIFF or STL file; shape (rows, columns).
-
-    Args:
-        path: The file; brighter pixels of a picture are higher, of an STL the top surface counts.
-        pixel_um: Side of a pixel, µm, for STL; its heights are µm above its lowest point.
-
-    Raises:
-        DepthMapError: The file is damaged or of no known kind.
-    """
-    path = Path(path)
-    return _native.read_heights(path.name, path.read_bytes(), pixel_um)
-
-
-def depths(
-    heights: ArrayLike,
-    *,
-    depth_um: float = 1.0,
-    base_um: float = 0.0,
-    scale: HeightScale = "high-stays",
-) -> Surface:
-    """Depths of heights, µm.
-
-    Args:
-        heights: Any numbers, shape (rows, columns).
-        depth_um: Difference in depth between the highest and the lowest, µm.
-        base_um: Depth of the shallowest pixel, µm.
-        scale: ``"high-stays"``: the highest pixel is the shallowest, as in a relief that stands up;
-            ``"high-sinks"``: it is the deepest; ``"depths"``: the values are depths already, µm.
-
-    Raises:
-        DepthMapError, EmptyTargetError, OptionError: The heights or options cannot be used.
-    """
-    return _native.depths_of_heights(_depth_array(heights), scale, depth_um, base_um)
-
-
-def profile_text(process: str | Path) -> str:
-    """The TOML text of a shipped profile or of a file.
-
-    Raises:
-        OptionError: There is neither a profile nor a file of that name.
-    """
-    if isinstance(process, str) and process in _SHIPPED:
-        return _SHIPPED[process]
-    path = Path(process)
-    if not path.is_file():
-        names = ", ".join(PROCESSES)
-        raise OptionError(f"process is {str(process)!r}, but must be {names} or a TOML file")
-    return path.read_text(encoding="utf-8", errors="replace")
 
 
 def _job(
@@ -625,33 +387,9 @@ def _job(
     measured_um: ArrayLike | None,
 ) -> _native.MillingJob:
     return _native.MillingJob(
-        _depth_array(target_um),
+        depth_array(target_um),
         pixel_um,
         profile_text(process),
         None if layers is None else integer_in("layers", layers, 1, 100),
-        None if measured_um is None else _measured(measured_um),
+        None if measured_um is None else measured_depths(measured_um),
     )
-
-
-def _measured(values: ArrayLike) -> Surface:
-    """A measured surface without what noise lifts above the ground."""
-    array = _depth_array(values)
-    if not np.isfinite(array).all():
-        row, column = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise DepthMapError(
-            f"the measured surface is {array[row, column]} at row {row}, column {column}: depths "
-            "must be finite"
-        )
-    return np.maximum(array, 0.0)
-
-
-def _depth_array(values: ArrayLike) -> Surface:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DepthMapError(f"the depth map has values that are not numbers: {error}") from error
-    if array.ndim != 2:
-        raise DepthMapError(
-            f"the depth map has shape {array.shape}, but must have shape (rows, columns)"
-        )
-    return np.ascontiguousarray(array)
