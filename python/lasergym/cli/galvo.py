@@ -25,6 +25,7 @@ galvo = typer.Typer(
 _HEAD_HELP = f"{', '.join(heads.HEADS)}, or a TOML file."
 
 HeadOption = Annotated[str, option("--head", "--calibration", help=_HEAD_HELP)]
+BeamOption = Annotated[float, option("--beam-um", help="Diameter of a crater, µm.")]
 JsonOption = Annotated[bool, option("--json", help="Print the report as JSON.")]
 
 
@@ -135,7 +136,7 @@ def tune(
     angles_deg: Annotated[
         str, option("--angles-deg", help="Directions of the lines, degrees.")
     ] = "0,35,90",
-    beam_um: Annotated[float, option("--beam-um", help="Crater diameter, µm.")] = 40.0,
+    beam_um: BeamOption = 40.0,
     pitch_um: Annotated[float, option("--pitch-um", help="Distance of pulses, µm.")] = 20.0,
     delays_only: Annotated[
         bool,
@@ -206,7 +207,7 @@ def postprocess(
     speed_m_s: Annotated[
         float | None, option("--speed-m-s", help="Speed; default: that of the job, m/s.")
     ] = None,
-    beam_um: Annotated[float, option("--beam-um", help="Diameter of a crater, µm.")] = 40.0,
+    beam_um: BeamOption = 40.0,
     pitch_um: Annotated[
         float | None, option("--pitch-um", help="Distance of pulses; default: the head's rate.")
     ] = None,
