@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
-use image::{ColorType, ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
+use image::{ColorType, ExtendedColorType, ImageDecoder as _, ImageEncoder, ImageResult};
 
 use super::record::FrameRecord;
 use crate::{Frame, JobError};
@@ -30,13 +30,10 @@ pub struct FramePreview {
 /// [`JobError::Frame`] for anything but a frame.
 pub fn frame_preview(bytes: &[u8], file: &str) -> Result<FramePreview, JobError> {
     let frame = frame_from_png(bytes, file)?;
-    let (width_px, height_px) = (frame.width_px(), frame.height_px());
-    let side = |px: usize| u32::try_from(px).unwrap_or(u32::MAX);
     let mut jpeg = Vec::new();
-    JpegEncoder::new_with_quality(&mut jpeg, PREVIEW_QUALITY)
-        .write_image(frame.gray(), side(width_px), side(height_px), ExtendedColorType::L8)
+    encode(&frame, JpegEncoder::new_with_quality(&mut jpeg, PREVIEW_QUALITY))
         .map_err(|error| JobError::Frame { file: file.to_owned(), reason: error.to_string() })?;
-    Ok(FramePreview { jpeg, width_px, height_px })
+    Ok(FramePreview { jpeg, width_px: frame.width_px(), height_px: frame.height_px() })
 }
 
 /// The file of the frame after command `pulse`.
@@ -51,15 +48,18 @@ pub(crate) fn pixels_crc(frame: &Frame) -> String {
 
 /// The bytes of a PNG file.
 pub(crate) fn frame_to_png(frame: &Frame) -> Result<Vec<u8>, JobError> {
-    let mut bytes = Cursor::new(Vec::new());
-    let side = |px: usize| u32::try_from(px).unwrap_or(u32::MAX);
+    let mut bytes = Vec::new();
     let encoder =
         PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
+    encode(frame, encoder).map_err(|error| JobError::Record { reason: error.to_string() })?;
+    Ok(bytes)
+}
+
+/// Writes the pixels of a frame by `encoder`.
+fn encode(frame: &Frame, encoder: impl ImageEncoder) -> ImageResult<()> {
+    let side = |px: usize| u32::try_from(px).unwrap_or(u32::MAX);
     let (width_px, height_px) = (side(frame.width_px()), side(frame.height_px()));
-    encoder
-        .write_image(frame.gray(), width_px, height_px, ExtendedColorType::L8)
-        .map_err(|error| JobError::Record { reason: error.to_string() })?;
-    Ok(bytes.into_inner())
+    encoder.write_image(frame.gray(), width_px, height_px, ExtendedColorType::L8)
 }
 
 /// The frame in the bytes of `file`, taken now.
